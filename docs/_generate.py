@@ -78,6 +78,7 @@ UNITS = {name: one.unit for name, one in CATALOGUE.items()} | FIELD_UNITS
 _STEEL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 _ARRAY = "simulation: {shape: 8 8, samples: 2}"
 _CUBE = "simulation: {shape: 2 2 2, samples: 2}"
+_LOADED = "simulation: {shape: 4 4, samples: 2, friction_history: true, friction_coefficient: 0.2}"
 #: small scenes that between them write every file, and every field
 SCENES = {
     "all": "packing: {diameter: 8 mm}\nload: {force: 5 N}\nobserve: [velocities, bands, dos]\n"
@@ -90,6 +91,8 @@ SCENES = {
     f"medium: [ema, {_ARRAY}]\nsweep: {{width: [1 um, 2 um]}}\nobserve: [bands]\nphonopy: {{band_points: 2}}",
     "arrays": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{pressure: [2 kN/m, 3 kN/m]}}\n"
     f"medium: {{{_ARRAY}}}",
+    "loaded": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5 N}}\nmedium: {{{_LOADED}}}",
+    "path": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [2 N, 5 N]}}\nmedium: {{{_LOADED}}}",
     "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
@@ -152,9 +155,10 @@ def result_units() -> str:
         one = getattr(import_module(module), name)
         if not (isinstance(one, type) and issubclass(one, Result)):
             continue
-        inherited = one.__mro__[1].units if issubclass(one.__mro__[1], ContactState) else {}
+        parent = next(base for base in one.__mro__[1:] if "units" in vars(base))
+        inherited = parent.units if issubclass(parent, ContactState) else {}
         units = [f"`{field}` {unit}" for field, unit in one.units.items() if field not in inherited]
-        more = [f"those of {{class}}`~{module}.{one.__mro__[1].__name__}`"] if inherited else []
+        more = [f"those of {{class}}`~{module}.{parent.__name__}`"] if inherited else []
         if units:
             rows.append([f"{{class}}`~{module}.{name}`", ", ".join([*more, *units])])
     return table(("result", "fields and their units"), rows)
@@ -376,8 +380,8 @@ def kind(value: Any) -> str:
 
 #: the scenes of one state, and of many
 ONE, MANY = (
-    ("all", "ema", "square", "array", "squeezed", "choice", "cube"),
-    ("sweep", "arrays", "choices", "squares", "membranes", "crystals"),
+    ("all", "ema", "square", "array", "squeezed", "choice", "cube", "loaded"),
+    ("sweep", "arrays", "choices", "squares", "membranes", "crystals", "path"),
 )
 HEADS = ("field", "unit", "kind", "what it is")
 

@@ -51,6 +51,8 @@ DEFAULTS = {
     "packing.spread": "equal balls",
     "medium": "`ema`; `ala` for equal balls",
     "cluster.balls": "the first shell",
+    "simulation.friction_coefficient": "required with `friction_history`",
+    "simulation.start": "`0.5`",
     "sweep": "none",
     "direction": "x",
     "spectrum.polarisation": "`longitudinal`",
@@ -105,14 +107,17 @@ RUNG_OPTIONS = {
     "simulation.samples": "how many arrays are averaged; two or more have standard errors",
     "simulation.friction_history": "load the samples [with friction](../how-to/simulation.md#load-it-with-friction)",
     "simulation.friction_coefficient": "of the contacts; needed with `friction_history`, and only then, as are those below",
-    "simulation.geometry": "whether contacts keep the directions of the lattice",
-    "simulation.start": "where the loading starts, at rest without friction: a reduced spacing $a^*$, or a load",
+    "simulation.geometry": "`lattice`: contacts keep the directions of the lattice; `exact`: their own, "
+    "with `finite_overlap`",
+    "simulation.start": "where the loading starts, at rest without friction: a reduced spacing $a^*$ or a load; or "
+    "`gas`, balls apart",
     "simulation.shear_response": "tangential stiffness under sound: none where a contact slides, $\\eta k$ everywhere, or "
     "that of Mindlin's partial slip",
     "simulation.step_tolerance": "relative change of the force by which steps of the load may be wrong",
     "simulation.ordered": "take the loads in the order given, up and down; else from the lowest to the highest",
     "auto.tolerance": "largest expected relative error of velocities and frequencies",
-    "auto.friction_history": "whether truth is an array loaded with friction; `auto` is refused then, as no errors are known",
+    "auto.friction_history": "whether truth is an array loaded with friction; `auto` is then refused, as no errors are "
+    "known",
 }
 PACKINGS = {
     "young_modulus": "Young modulus",

@@ -15,6 +15,7 @@ from scipy.optimize import root
 from test_stencils import Explicit, cartesian
 
 import granphon as gp
+from granphon.array import gas
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
@@ -22,7 +23,7 @@ from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.lattices import FCC, TRIANGULAR
+from granphon.balls.lattices import FCC, SQUARE, TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear
 
@@ -65,21 +66,23 @@ frictions = st.sampled_from([0.0, 0.1, 0.7, math.inf])
 
 
 @settings(max_examples=100)
-@given(vectors, st.floats(-0.5, 1.0), st.floats(-0.5, 1.0), frictions, st.sampled_from([0.0, 0.1]))
-def test_tangent_is_the_derivative(numbers, h0, h1, mu, smoothing):
+@given(vectors, st.floats(-0.5, 1.0), st.floats(-0.5, 1.0), frictions, st.sampled_from([None, -0.3, 0.4]))
+def test_tangent_is_the_derivative(numbers, h0, h1, mu, given_overlap):
     law, n, e = FrictionLaw(ETA, mu), len(numbers) // 3, 1e-6
     s, t, way = np.reshape(numbers, (3, n)) * [[1.0], [1.0 if h0 > 0.0 else 0.0], [1.0]]
     before = contact(h0, t=t)
-    trial = np.linalg.norm(FrictionLaw(ETA).advance(before, np.array([h1]), s[:, None])[0].shears)
-    corners = [abs(h0), abs(h1), abs(h1 - h0), 1.0 if mu == math.inf or smoothing else abs(trial - mu * max(h1, 0.0) ** 1.5)]
+    guess = None if given_overlap is None else np.array([given_overlap])
+    trial = np.linalg.norm(FrictionLaw(ETA).advance(before, np.array([h1]), s[:, None], guess)[0].shears)
+    limit = mu * max(h1 if guess is None else given_overlap, 0.0) ** 1.5 if mu < math.inf else math.inf
+    corners = [abs(h0), abs(h1), abs(h1 - h0), abs(trial - limit)]
     if min(corners) < 1e-2:  # the law has corners there
         return
 
     def forces(step):
-        after, _ = law.advance(before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], smoothing)
+        after, _ = law.advance(before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], guess)
         return np.append(after.forces, after.shears)
 
-    tangent = law.advance(before, np.array([h1]), s[:, None], smoothing)[1]
+    tangent = law.advance(before, np.array([h1]), s[:, None], guess)[1]
     normal, shear = tangent.apply(np.array([-0.7]), way[:, None])
     expected = (forces(e) - forces(-e)) / (2.0 * e)
     np.testing.assert_allclose(np.append(-normal, shear), expected, rtol=0.0, atol=1e-5 * (1.0 + np.max(np.abs(expected))))
@@ -402,13 +405,71 @@ def test_a_given_force_is_met_and_its_overlap_leads_there():
     np.testing.assert_allclose(by_overlap[-1].contacts.forces, by_force[-1].contacts.forces, rtol=0.0, atol=1e-8)
 
 
-def test_the_rounded_limit_leads_to_the_same_forces(monkeypatch):
+def test_limits_of_given_overlaps_lead_to_the_same_forces(monkeypatch):
     loads = ramp(0.5, 0.8, steps=1)
     sharp = run(history((8, 8), 0.1, seed=1), loads)[0]
-    monkeypatch.setattr(module, "_PATIENCE", 1)  # the first attempt ends where a step does not halve the residual
-    rounded = run(history((8, 8), 0.1, seed=1), loads)[0]
-    assert rounded.newton > sharp.newton
-    np.testing.assert_allclose(rounded.contacts.shears, sharp.contacts.shears, rtol=0.0, atol=1e-9)
+    monkeypatch.setattr(module, "_NEWTON_STEPS", 3)  # too few for the first attempt
+    lagged = run(history((8, 8), 0.1, seed=1), loads)[0]
+    assert lagged.newton > sharp.newton
+    np.testing.assert_allclose(lagged.contacts.shears, sharp.contacts.shears, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("mu", [0.2, math.inf])
+def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu):
+    """The states of a refined path, and the same path with each of its steps in two."""
+    paths, seen = history((6, 6), mu, 3e-4, seed=1), []
+    original = paths._refine
+    paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
+    last = run(paths, ramp(0.5, 1.0, steps=2))[-1]
+    assert len(seen) == last.steps > 4
+    ends = [0.0, *(state.overlap for state in seen)]
+    halves = [Prescribed(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
+    twice = run(history((6, 6), mu, seed=1), halves)
+    assert abs(twice[-1].force / last.force - 1.0) < 3e-4
+    assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
+
+
+# -- starts ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_start_may_be_a_load():
+    loads = ramp(0.6, 0.8, steps=1)
+    given = run(history((6, 6), 0.2, start=equilibrate(balls((6, 6)), Prescribed(overlap=0.1))), loads)[0]
+    found = run(history((6, 6), 0.2, start=Prescribed(overlap=0.1)), loads)[0]
+    np.testing.assert_array_equal(found.contacts.forces, given.contacts.forces)
+
+
+@pytest.mark.parametrize("load", [Prescribed(overlap=-0.3), Prescribed(force=1e-10)])
+def test_a_start_below_the_threshold_is_an_error(load):
+    with pytest.raises(InputError, match="starts below the threshold"):
+        history((6, 6), 0.2, start=load).begin()
+
+
+def test_a_start_without_a_meaning_is_an_error():
+    with pytest.raises(InputError, match='cannot start at "liquid"'):
+        history((6, 6), start="liquid")
+
+
+@pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE])
+def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
+    """The square lattice is a mechanism without friction, and its balls may turn like gears."""
+    paths = history((4, 4), lattice=lattice, start="gas")
+    begun = paths.begin()
+    assert begun.overlap < 0.1
+    assert begun.force >= 0.5 * gas.STANDING_FORCE
+    assert begun.residual <= 1e-9
+    assert residual(paths, begun) < 2e-9
+    assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
+
+
+@pytest.mark.exhaustive
+def test_the_drag_of_the_gas_matters_little_at_high_loads(monkeypatch):
+    forces = []
+    for drag in (1e-2, 5e-3):
+        monkeypatch.setattr(gas, "DRAG", drag)
+        forces.append(run(history((8, 8), 0.3, start="gas"), ramp(0.5, 1.0, steps=5))[-1].force)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-2)
+    assert forces[0] == pytest.approx(run(history((8, 8), 0.3), ramp(0.5, 1.0, steps=5))[-1].force, rel=3e-2)
 
 
 # -- what cannot be done ------------------------------------------------------------------------------------------------
@@ -421,9 +482,11 @@ def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, nam
     states = history((6, 6), 0.2).path([Prescribed(overlap=0.05), load])
     assert next(states).overlap == 0.05
     monkeypatch.setattr(module, "_NEWTON_STEPS", 0)
+    monkeypatch.setattr(module, "_LAGS", 0)
     monkeypatch.setattr(module, "_MOST_HALVINGS", 1)
-    with pytest.raises(ConvergenceError, match=name):
+    with pytest.raises(ConvergenceError, match=name) as caught:
         next(states)
+    assert caught.value.reached.overlap >= 0.05
 
 
 def test_a_refinement_without_end_names_the_load(monkeypatch):

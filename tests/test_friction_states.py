@@ -515,16 +515,15 @@ def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
 
 
 def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
-    loads = "{force: [1 N, 3 N, 1.5 N]}"
+    loads = "{force: [3 N, 1.5 N]}"
     path = scene(load=loads, medium=options(*HISTORY, "ordered: true")).run(tmp_path / "path").dataset
-    loaded = simulation(shape=(4, 4), step_tolerance=0.1).at_force([1.0, 3.0, 1.5])
-    state = simulation(shape=(4, 4), step_tolerance=0.1).path(force=[1.0, 3.0, 1.5])
+    loaded = simulation(shape=(4, 4), step_tolerance=0.1).at_force([3.0, 1.5])
+    state = simulation(shape=(4, 4), step_tolerance=0.1).path(force=[3.0, 1.5])
     np.testing.assert_array_equal(path["overlap"].values.ravel(), state.overlap)
     np.testing.assert_array_equal(path["sliding_fraction"].values.ravel(), state.sliding_fraction)
     np.testing.assert_array_equal(path["bulk"].values.ravel(), gp.moduli(state).bulk)
     assert path["dissipated_energy"].attrs["units"] == "J"
-    assert path["overlap"].values.ravel()[2] > loaded.overlap[2]  # balls that are unloaded stay nearer
-    assert path["overlap"].values.ravel()[0] == loaded.overlap[0]
+    assert path["overlap"].values.ravel()[1] > loaded.overlap[1]  # balls that are unloaded stay nearer
 
 
 @pytest.mark.exhaustive

@@ -235,9 +235,10 @@ def every(packing, results):
     point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     history = {"friction_history": True, "friction_coefficient": 0.3, "step_tolerance": 1.0}
     pressed = gp.DirectSimulation(spread, (4, 4), seed=1, **history).at_force(5.0).sample
+    exact = gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact").at_force(5.0).sample.equilibrium
     found = [
         *results.values(), results["moduli"].hill, simulated, recorded, records[0], simulated.samples[0],
-        simulated.samples[0].equilibrium, simulated.samples[0].network, pressed, pressed.equilibrium,
+        simulated.samples[0].equilibrium, simulated.samples[0].network, pressed, pressed.equilibrium, exact,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3, 192),

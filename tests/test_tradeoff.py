@@ -425,7 +425,7 @@ def test_media_in_space_are_judged_by_samples_in_space(steel, measured, lattice,
     run = {(point.method, point.knob): point for point in found.of("media") if not point.failure}
     assert {("averaged lattice", "ala"), ("averaged force", "afa"), ("simulation, 1 sample", shape)} <= set(run)
     assert not any("paper" in point.method for point in found.points)
-    assert f"{counted} with control variates" in found.references["media"]
+    assert f"{counted} at rest without friction, with control variates" in found.references["media"]
     # the error of the averaged lattice, from samples of another size and seed
     state = gp.DirectSimulation(packing, (6, 6, 4), seed=7, samples=4).at_force(20.0)
     off = observe(gp.AveragedLattice(packing).at_force(20.0)) / observe(state) - 1.0

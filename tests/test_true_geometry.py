@@ -13,11 +13,12 @@ from test_stencils import Explicit, cartesian
 
 import granphon as gp
 from granphon.array.equilibrium import Prescribed, equilibrate
-from granphon.array.geometry import ExactGeometry, LatticeGeometry
+from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.true_geometry import ExactGeometry
 from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
@@ -415,12 +416,12 @@ def isotropic(tensor):
     return np.array([np.sum(tensor[:2, :2]) / 4.0, shear])
 
 
-def deficits(shape, seed, spacing, ratio, eta=ETA):
-    """Parts by which the limit of small spread underestimates K and G, and the fraction of contacts that it has."""
+def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
+    """Parts by which the limit of small spread underestimates K and G, for each eta, and the fraction of its contacts."""
     limit = equilibrate(balls(shape, seed), Prescribed(overlap=spacing - 0.5))
     state = equilibrate_in_truth(limit.deviations, Prescribed(overlap=limit.overlap), ratio, limit.stencils, limit)
-    less = 1.0 - isotropic(elasticity(limit, eta)) / isotropic(state.find_elasticity(eta))
-    return *less, float(np.mean(limit.forces > 1e-6 * limit.force))
+    less = [1.0 - isotropic(elasticity(limit, eta)) / isotropic(state.find_elasticity(eta)) for eta in etas]
+    return less, float(np.mean(limit.forces > 1e-6 * limit.force))
 
 
 STEEL_WIDTH = 2.04e-6 / 8e-3
@@ -430,30 +431,30 @@ BY_LOAD = [(0.7, 0.0, 0.0), (0.6, 0.0006, 0.0038), (0.45, 0.009, 0.055), (0.42, 
 
 @pytest.mark.claim("shear-deficit", "ratio-small-width")
 def test_loose_balls_add_to_the_shear_modulus():
-    bulk, shear, _ = deficits((32, 32), 0, 0.5, STEEL_WIDTH)
+    (bulk, shear), (_, smooth) = deficits((32, 32), 0, 0.5, STEEL_WIDTH, (ETA, 0.0))[0]
     assert shear == pytest.approx(0.03, abs=0.004)
     assert bulk == pytest.approx(0.004, abs=0.001)
-    # without friction nothing of this is left
-    assert np.max(np.abs(deficits((32, 32), 0, 0.5, STEEL_WIDTH, 0.0)[:2])) < 6e-4
+    assert abs(smooth) < 6e-4  # without friction nothing of this is left
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("spacing", "bulk", "shear"), BY_LOAD)
 def test_the_limit_of_small_spread_underestimates_the_shear_modulus(spacing, bulk, shear):
-    found = deficits((32, 32), 0, spacing, STEEL_WIDTH)
-    assert found[1] == pytest.approx(shear, rel=0.15, abs=5e-4)
-    assert found[0] == pytest.approx(bulk, rel=0.15, abs=1e-4)
-    expected = estimate_shear_deficit(found[2], STEEL_WIDTH, 2)
-    assert expected < 1e-3 if shear < 1e-3 else expected == pytest.approx(found[1], rel=0.35)
+    ((of_bulk, of_shear),), carried = deficits((32, 32), 0, spacing, STEEL_WIDTH)
+    assert of_shear == pytest.approx(shear, rel=0.15, abs=5e-4)
+    assert of_bulk == pytest.approx(bulk, rel=0.15, abs=1e-4)
+    expected = estimate_shear_deficit(carried, STEEL_WIDTH, 2)
+    assert expected < 1e-3 if shear < 1e-3 else 1.0 / 1.5 < expected / of_shear < 1.5
 
 
 @pytest.mark.exhaustive
 def test_the_deficit_falls_slowly_with_the_width():
     ratios = STEEL_WIDTH, 1e-3 * STEEL_WIDTH
     found = [deficits((24, 24), 0, 0.5, ratio) for ratio in ratios]
-    assert math.log(found[0][1] / found[1][1], 1e3) == pytest.approx(0.31, abs=0.03)
-    for one, ratio in zip(found, ratios, strict=True):
-        assert estimate_shear_deficit(one[2], ratio, 2) == pytest.approx(one[1], rel=0.35)
+    shears = [less[0][1] for less, _ in found]
+    assert math.log(shears[0] / shears[1], 1e3) == pytest.approx(0.31, abs=0.03)
+    for shear, (_, carried), ratio in zip(shears, found, ratios, strict=True):
+        assert 1.0 / 1.5 < estimate_shear_deficit(carried, ratio, 2) / shear < 1.5
 
 
 @pytest.mark.exhaustive
@@ -468,7 +469,7 @@ def test_the_deficit_in_space_is_less():
             for t in (elasticity(limit, ETA), state.find_elasticity(ETA))
         )
         carried = np.mean(limit.forces > 1e-6 * limit.force)
-        assert estimate_shear_deficit(carried, 1e-3, 3) == pytest.approx(1.0 - low / true, rel=0.35)
+        assert 1.0 / 1.5 < estimate_shear_deficit(carried, 1e-3, 3) / (1.0 - low / true) < 1.5
 
 
 def test_the_expected_deficit_is_a_part():
@@ -478,6 +479,15 @@ def test_the_expected_deficit_is_a_part():
     assert np.all(np.diff(found.ravel()) > 0.0)
     assert found[1, 1] == 1.0
     assert np.all(estimate_shear_deficit(0.5, STEEL_WIDTH, 3) < found[1, 0])
+
+
+def test_the_check_is_of_the_geometry_of_the_lattice(steel):
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    found = [gp.DirectSimulation(packing, (8, 8), geometry=one).at_overlap(0.0) for one in ("lattice", "exact")]
+    of_lattice, of_truth = (gp.validity(state) for state in found)
+    expected = estimate_shear_deficit(found[0].contact_fraction, STEEL_WIDTH, 2)
+    assert of_lattice["shear"].value == pytest.approx(expected, rel=1e-12)
+    assert "shear" not in [check.name for check in of_truth.checks]
 
 
 # -- histories ----------------------------------------------------------------------------------------------------------
@@ -521,16 +531,16 @@ def test_steps_of_a_path_are_those_of_loops_over_positions():
     assert seen > 0.0
 
 
-@pytest.mark.parametrize("mu", [0.2, math.inf])
+@pytest.mark.parametrize("mu", [0.2, pytest.param(math.inf, marks=pytest.mark.exhaustive)])
 def test_work_of_the_load_is_stored_or_lost_to_second_order(mu):
     left = []
-    for steps in (3, 6, 12):
-        paths = history((5, 5), mu, 0.05)
+    for steps in (3, 6):
+        paths = history((5, 5), mu, 0.05, start=at_rest((5, 5), 1, 0.0, 0.05))
         begun = paths.begin()
         *_, last = paths.path(ramp(0.0, 0.5, steps=steps))
         left.append(last.work - last.dissipated - (last.stored - begun.stored))
+        assert last.dissipated > 0.0
     assert left[0] / left[1] == pytest.approx(4.0, rel=0.15)
-    assert left[1] / left[2] == pytest.approx(4.0, rel=0.15)
 
 
 @pytest.mark.parametrize("mu", [0.2, math.inf])
@@ -550,9 +560,10 @@ def test_paths_tend_to_those_of_the_lattice(mu):
 
 
 def test_an_array_in_space_keeps_its_energy():
-    left = []
+    left, x, stencils = [], balls((3, 3, 2), 1, FCC), Stencils((3, 3, 2), lattice=FCC)
+    start = equilibrate_in_truth(x, Prescribed(overlap=0.1), 0.02, stencils)
     for steps in (2, 4):
-        paths = history((3, 3, 2), 0.2, 0.02, lattice=FCC)
+        paths = history((3, 3, 2), 0.2, 0.02, lattice=FCC, start=start)
         begun = paths.begin()
         *_, last = paths.path(ramp(0.1, 0.5, steps=steps))
         assert last.residual <= 1e-9

@@ -13,7 +13,7 @@ from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
-    from granphon.array.geometry import ExactPlace
+    from granphon.array.true_geometry import ExactPlace
 
 __all__ = ["make_network", "turn_frames"]
 

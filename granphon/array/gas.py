@@ -1,14 +1,15 @@
-"""The beginning of a loading history from the gas: balls apart on their lattice sites, pressed with friction until they stand.
+"""The beginning of a loading history from the gas: balls apart on their sites, pressed with friction until they stand.
 
-Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array then comes to rest by what damps it,
-and so does this one: in each step of the load, dashpots between neighbours resist what they move against each other since the
-step before, with :data:`DRAG` times their displacement over the step (in units of c W^(1/2)); shear and rotation meet eta times
-as much. Balls that nothing pushes stay where they are. The overlap grows by :data:`STEP` at a time from the first contact on.
-When the mean force has come to :data:`STANDING_FORCE` the dashpots are weakened to nothing at the same overlap. If the array
-then bears at least half of this force, in balance, it stands, and its history begins there; otherwise it is pressed on.
+Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array then comes to rest by what damps
+it, and so does this one: in each step of the load, dashpots between neighbours resist what these move against each other
+since the step before, with :data:`DRAG` times the displacement over the step (in units of c W^(1/2)); slips meet eta times
+as much. Balls that nothing pushes stay where they are. The overlap grows by :data:`STEP` at a time from the first contact
+on. When the mean force has come to :data:`STANDING_FORCE`, the dashpots are weakened to nothing at the same overlap. If the
+array then bears at least half of this force, in balance, it stands, and its history begins there; otherwise it is pressed
+on.
 
-The force, the strain of dashpots over it, at which the array stands is a convention; the force f* at higher loads depends on
-it, and on the drag, little: the tests state by how much.
+The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
+arrays; the tests state it.
 """
 
 from __future__ import annotations

@@ -1,58 +1,28 @@
-"""Where the contacts of an array are: in the limit of small spread, and in truth.
+"""Where the contacts of an array are: what a geometry says of them, and that of the lattice, the limit of small spread.
 
-Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d; the lattice's lengths in d.
-A load compresses the cell evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the spacing of the
-lattice in the compressed cell. A contact whose direction on the lattice is e then has the vector from centre to centre
-
-    w = e + eps v,    v = u_j - u_i - y e
-
-and the overlap
-
-    h = (x_i + x_j)/2 - q,    q = (|w| - 1)/eps = (2 e.v + eps v.v)/(1 + |w|),
-
-in which no two numbers that are nearly equal are subtracted. It touches at the distances |w|/2 -+ eps (x_j - x_i)/4 from the
-centres, which are the radii less half of the overlap each; they add up to |w|, so that forces exert no torque on a pair. It
-slips by
-
-    ds = (1 - nn) du - (arm_i dphi_i + arm_j dphi_j) x n,    n = w/|w|
-
-where du is the change of u_j - u_i - y e. From one configuration to the next the slip is found with the angle by which n
-turns, exact, and the means of arms and tangents at both ends. It is of second order in the step; in a plane it depends on
-the way by nothing but the change of arms. The tangents turn with n along the shortest way from e, and about n with both
-balls.
-
-For eps = 0 all this is the linear map of the lattice, h = y + (x_i + x_j)/2 - e.(u_j - u_i). The coefficient of Hertz's law
-is that of the mean ball in both: its own radii change that of a contact by a part of order eps.
+Units are those of :mod:`granphon.array.equilibrium`. In the limit contacts keep the directions of the lattice, and all is
+linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i), and slips are those of :class:`~granphon.array.stencils.Stencils`. The true
+geometry is in :mod:`granphon.array.true_geometry`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_conjugate_gradients, solve_by_descent
+from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.contact_table import contact_frames
-from granphon.base.errors import InputError, message
-from granphon.dynamics.rows import Row
 
-__all__ = ["ExactGeometry", "ExactPlace", "Geometry", "LatticeGeometry", "LatticePlace", "Place"]
+__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place"]
 
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
 Law = Callable[[Array, Array], tuple[Array, Array]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
-#: components along a contact's direction on the lattice and the two tangents there, arrays (n_c, L1, ..., Lp); those that
-#: balls on a line or in a plane do not have are the number 0.0
-_Vector = tuple[Any, Any, Any]
-_ZERO: _Vector = (0.0, 0.0, 0.0)
-#: largest number of conjugate-gradient steps in one step of Newton's method
-_MOST_STEPS = 3000
 
 
 class Place(Protocol):
@@ -154,7 +124,7 @@ class LatticePlace:
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
         self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
         rows, n = self._stencils.deformations(Motion(balls, 0.0)), self._stencils.n_contacts
-        self.overlaps = overlap + (geometry.means - rows[:n])
+        self.overlaps = overlap + geometry.means - rows[:n]
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
     def slips(self, before: Place, slips: Array) -> Array:
@@ -181,328 +151,3 @@ class LatticePlace:
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self._stencils.shape)])
-
-
-class ExactGeometry:
-    """True geometry of an array whose balls are of the mean diameter d: directions, arms and overlaps from positions.
-
-    ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without. Raises
-    :class:`~granphon.base.errors.InputError` if the ratio is not zero or above, or balls on a lattice with p periods do not
-    lie in p dimensions.
-    """
-
-    def __init__(self, stencils: Stencils, deviations: Array, ratio: float) -> None:
-        if not 0.0 <= ratio < 1.0:
-            raise InputError(message(f"a width of {ratio:g} diameters is not zero or above, and below one"))
-        if stencils.lattice.dimension != stencils.lattice.periods:
-            what = f"the lattice {stencils.lattice.name} has {stencils.lattice.periods} periods in more dimensions"
-            raise InputError(message(what, "The true geometry is found of balls that move along the periods alone"))
-        self.stencils, self.ratio, self.means = stencils, ratio, stencils.average_pairs(deviations)
-        first = stencils.by_ball(deviations)
-        ends = np.stack([first[i] for i, _ in stencils.ends])
-        #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
-        self.uneven = 0.5 * ratio * (self.means - ends)
-        self._frame = stencils.observe(_frame_rows(stencils))
-        self._dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
-        pushes = _frame_rows(stencils)[: self._dimension]
-        #: stencils with elongations, and with displacements across contacts, for preconditioners
-        self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
-
-    def place(self, balls: Array, overlap: float) -> ExactPlace:
-        """Return the configuration with these motions ``balls`` and the overlap y."""
-        return ExactPlace(self, balls, overlap)
-
-    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps of contacts, and slips of zero: they are counted from there."""
-        overlaps = self.place(balls, overlap).overlaps
-        return overlaps, np.zeros((self._dimension - 1, *overlaps.shape))
-
-    def solve(
-        self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, turned: bool = False,
-    ) -> tuple[Motion, int]:  # fmt: skip
-        """Solve for a small motion without friction; see :class:`Geometry`.
-
-        Forces push balls aside with the stiffness -f eps/|w|. With the other sign such balls go farther the same way: the
-        equations are solved so if ``turned``, or if a curvature is below zero.
-        """
-        size, shape, none = right.balls.size, right.balls.shape, np.zeros((0, *stiffness.shape))
-        held = 1.0 / float(np.sum(stiffness))
-
-        def split(vector: Array) -> Motion:
-            return Motion(vector[:size].reshape(shape), float(vector[size]) if free else 0.0)
-
-        def join(balls: Array, press: float) -> Array:
-            return np.append(balls, press) if free else np.ravel(balls)
-
-        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
-            return stiffness * loss, slip
-
-        taken = 0
-        for sign in (-1.0,):
-            found, steps, stable = solve_by_descent(
-                lambda vector, sign=sign: join(*place.respond(split(vector), law, sign * forces, none)),  # type: ignore[misc]
-                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, _MOST_STEPS,
-            )  # fmt: skip
-            taken += steps
-            if stable:
-                break
-        return split(found), taken
-
-    def weigh(self, stiffness: Array, forces: Array) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by forces, without a sign."""
-        return np.concatenate([stiffness, *[self.ratio * forces] * (self._dimension - 1)])
-
-    def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
-        """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
-        rows = self._frame.deformations(motion).reshape(-1, *self.means.shape)
-        p, r = self._dimension, self._turns
-        moved = (*rows[:p], *_ZERO[p:])
-        if not r:
-            return moved, _ZERO, _ZERO
-        still = _ZERO[r:]  # in a plane balls turn about its normal, the last tangent
-        return moved, (*still, *rows[p : p + r]), (*still, *rows[p + r :])
-
-    def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
-        parts = [*push[: self._dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
-        return self._frame.forces(np.concatenate([np.broadcast_to(part, self.means.shape) for part in parts]))
-
-    def axes(self) -> Array:
-        """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
-        p = self._dimension
-        return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[:p, :p].transpose(2, 0, 1)
-
-
-def _frame_rows(stencils: Stencils) -> list[Row]:
-    """Return rows for the relative displacement of two balls, and for the sum and the difference of their rotations.
-
-    Components are those along the contact's direction on the lattice and its tangents there.
-    """
-    motions, p = stencils.motions, stencils.lattice.periods
-    frame = [np.array(axis) for axis in contact_frames(stencils.lattice.contacts.normal[:, :p])]
-    still = np.zeros((len(motions.rotations), stencils.n_contacts))
-    rows = []
-    for axis in frame[:p]:
-        move = np.concatenate([axis[list(motions.translations)], still]).T
-        rows.append(Row("push", 1.0, move, move))
-    still = np.zeros((len(motions.translations), stencils.n_contacts))
-    for sign in (-1.0, 1.0):
-        for axis in frame[3 - len(motions.rotations) :]:
-            turn = np.concatenate([still, axis[list(motions.rotations)]]).T
-            rows.append(Row("turn", 1.0, turn, sign * turn))
-    return rows
-
-
-class ExactPlace:
-    """Configuration of an array in its :class:`ExactGeometry`.
-
-    Attributes
-    ----------
-    geometry, balls, overlap : the array, its motion, and y.
-    size : (n_c, L1, ..., Lp) distances |w| of the centres, in d.
-    normal : components of n.
-    overlaps : (n_c, L1, ..., Lp) overlaps h.
-    """
-
-    def __init__(self, geometry: ExactGeometry, balls: Array, overlap: float) -> None:
-        self.geometry, self.balls, self.overlap = geometry, balls, overlap
-        eps = geometry.ratio
-        self._moved, self._sum, self._difference = geometry.split(Motion(balls, overlap))
-        self.vector = (1.0 + eps * self._moved[0], _scale(eps, self._moved[1]), _scale(eps, self._moved[2]))
-        self.size = np.sqrt(_dot(self.vector, self.vector))
-        self.normal = _times(1.0 / self.size, self.vector)
-        self._square = _dot(self._moved, self._moved)
-        self._change = (2.0 * self._moved[0] + eps * self._square) / (1.0 + self.size)
-        self.overlaps = geometry.means - self._change
-
-    @property
-    def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y, found without the loss of digits of a subtraction."""
-        eps, first = self.geometry.ratio, self._moved[0]
-        straight = self.geometry.split(Motion(self.balls, 0.0))[0][0]
-        curved = eps * (self._square - first * self._change) / (1.0 + self.size)
-        return np.asarray(self.geometry.means - straight - curved)
-
-    @cached_property
-    def tangents(self) -> tuple[_Vector, _Vector]:
-        """The tangents t and b, with n x t = b."""
-        (n0, n1, n2), one = self.normal, 1.0 / (1.0 + self.normal[0])
-        if not isinstance(n2, np.ndarray):
-            return (-n1, n0, 0.0), (0.0, 0.0, 1.0)
-        mixed = -n1 * n2 * one
-        t, b = (-n1, 1.0 - n1 * n1 * one, mixed), (-n2, mixed, 1.0 - n2 * n2 * one)
-        spin = 0.5 * self.geometry.ratio * self._sum[0]
-        cosine, sine = np.cos(spin), np.sin(spin)
-        return _add(_times(cosine, t), _times(sine, b)), _add(_times(cosine, b), _times(-sine, t))
-
-    # -- slips ------------------------------------------------------------------------------------------------------
-
-    def slips(self, before: Place, slips: Array) -> Array:
-        """Return (n_s, n_c, L1, ..., Lp) slips s here, if they are ``slips`` in the configuration ``before``."""
-        assert isinstance(before, ExactPlace)
-        if before is self:
-            return slips
-        eps, size = self.geometry.ratio, 0.5 * (before.size + self.size)
-        # the vector of the rotation that turns one direction into the other, over eps
-        turn = _cross(before.vector, _subtract(self._moved, before._moved))
-        if eps:
-            sine = np.sqrt(_dot(turn, turn))
-            angle = np.arctan2(eps * sine, _dot(before.vector, self.vector))
-            turn = _times(np.divide(angle, eps * sine, out=np.ones_like(sine), where=sine > 0.0), turn)
-        rolled = self._roll(_subtract(self._sum, before._sum), _subtract(self._difference, before._difference), size)
-        gone = _subtract(_times(size, turn), rolled)
-        (t0, b0), (t1, b1) = before.tangents, self.tangents
-        found = _dot(gone, _add(b0, b1)), _scale(-1.0, _dot(gone, _add(t0, t1)))
-        return slips + 0.5 * np.stack(found[: len(slips)])
-
-    def _roll(self, total: _Vector, difference: _Vector, size: Array) -> _Vector:
-        """Return arm_i phi_i + arm_j phi_j, from the sum and the difference of the rotations."""
-        return _add(_times(0.5 * size, total), _times(self.geometry.uneven, difference))
-
-    def _slide(self, moved: _Vector, rolled: _Vector) -> tuple[Any, Any]:
-        t, b = self.tangents
-        return _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
-
-    def losses(self, motion: Motion) -> Array:
-        """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
-        return self.lose(self.geometry.split(motion)[0])
-
-    def lose(self, moved: Any) -> Array:
-        """Return the losses of overlap by small relative displacements of the two balls."""
-        return np.asarray(_dot(self.normal, moved))
-
-    def curve(self, moved: Any, forces: Array, stiffness: Array, slope: Array) -> tuple[Array, Any]:
-        """Return the second derivatives along a straight line of the overlaps, and of the forces f n.
-
-        ``moved`` are the relative displacements, ``stiffness`` df/dh and ``slope`` d^2f/dh^2.
-        """
-        eps, n, loss = self.geometry.ratio, self.normal, self.lose(moved)
-        across = _subtract(moved, _times(loss, n))
-        tilt, square = _times(eps / self.size, across), _dot(across, across)
-        bend = -eps * square / self.size
-        along = slope * loss**2 + stiffness * bend - forces * eps * eps * square / self.size**2
-        aside = -2.0 * stiffness * loss - 2.0 * forces * eps * loss / self.size
-        return bend, _add(_times(along, n), _times(aside, tilt))
-
-    # -- forces -----------------------------------------------------------------------------------------------------
-
-    def pull(self, forces: Array, shears: Array) -> Array:
-        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
-        along, across = self._carry(shears)
-        push = _subtract(_times(forces, self.normal), along)
-        return self.geometry.join(push, _times(0.5 * self.size, across), _times(self.geometry.uneven, across))
-
-    def _carry(self, shears: Array) -> tuple[_Vector, _Vector]:
-        """Return the vectors T and n x T of the tangential forces."""
-        parts = (*shears, *_ZERO[len(shears) : 2])
-        t, b = self.tangents
-        return _add(_times(parts[0], t), _times(parts[1], b)), _subtract(_times(parts[0], b), _times(parts[1], t))
-
-    def press(self, forces: Array, shears: Array) -> float:
-        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over contacts."""
-        push = forces * self.normal[0]
-        if len(shears):
-            push = push - self._carry(shears)[0][0]
-        return float(np.mean(push))
-
-    def stress(self, forces: Array, shears: Array) -> Array:
-        """Return the (p, p) sum over contacts of the force on ball i times w, below zero where balls are pressed together.
-
-        It is in units of stiffness times d^2.
-        """
-        along, _ = self._carry(shears)
-        push, axes = _subtract(along, _times(forces, self.normal)), self.geometry.axes()
-        out, p = np.zeros(axes.shape[1:]), axes.shape[1]
-        for a in range(p):
-            for b in range(p):
-                sums = np.sum(np.broadcast_to(push[a] * self.vector[b], forces.shape).reshape(len(axes), -1), axis=1)
-                out += np.einsum("c,ci,cj->ij", sums, axes[:, a], axes[:, b])
-        return np.asarray(self.geometry.ratio * out)
-
-    def respond(
-        self, motion: Motion, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)
-    ) -> tuple[Array, float]:
-        """Return the changes of :meth:`pull` and of the sum of forces by a small motion, both times -1.
-
-        The changes of forces follow from the ``law``; ``forces`` and ``shears`` are those that act here: they turn with
-        their contacts. ``rolling`` are the stiffnesses of contacts against twist and rolls.
-        """
-        moved, total, difference = self.geometry.split(motion)
-        push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
-        return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
-
-    def resist(
-        self, moved: _Vector, total: _Vector, difference: _Vector, law: Law, forces: Array, shears: Array,
-        rolling: tuple[Any, Any] = (0.0, 0.0),
-    ) -> tuple[_Vector, _Vector, _Vector, Array]:  # fmt: skip
-        """Return what :meth:`respond` does, contact by contact: forces against the three vectors of a small motion.
-
-        The fourth is -df.
-        """
-        eps, n, half = self.geometry.ratio, self.normal, 0.5 * self.size
-        loss = _dot(n, moved)
-        shear = shears
-        if len(shears):
-            shear = np.stack(self._slide(moved, self._roll(total, difference, self.size))[: len(shears)])
-        normal, shear = law(loss, shear)
-        tilt = _times(eps / self.size, _subtract(moved, _times(loss, n)))  # dn
-        along, across = self._carry(shear)
-        push = _subtract(_add(_times(normal, n), along), _times(forces, tilt))
-        if np.any(shears):
-            held, arms = self._carry(shears)
-            spin = 0.5 * eps * total[0]
-            if isinstance(n[2], np.ndarray):  # of tangents that turn with n along the shortest way
-                spin = spin - (n[1] * tilt[2] - n[2] * tilt[1]) / (1.0 + n[0])
-            turn = _add(_cross(n, tilt), _times(spin, n))
-            push = _add(push, _cross(turn, held))
-            across = _add(across, _cross(turn, arms))
-            turning = _add(_times(half, across), _times(0.5 * eps * loss, arms))
-        else:
-            turning = _times(half, across)
-        turning, back = _times(-1.0, turning), _times(-self.geometry.uneven, across)
-        twist, roll = rolling
-        if np.any(twist) or np.any(roll):
-            back = _add(back, _add(_times(roll, difference), _times((twist - roll) * _dot(difference, n), n)))
-        return push, turning, back, normal
-
-
-# -- vectors ----------------------------------------------------------------------------------------------------------
-
-
-def _scale(a: Any, b: Any) -> Any:
-    return a * b if isinstance(b, np.ndarray) or b else 0.0
-
-
-def _times(factor: Any, vector: _Vector) -> _Vector:
-    if not isinstance(factor, np.ndarray) and not factor:
-        return _ZERO
-    return _scale(factor, vector[0]), _scale(factor, vector[1]), _scale(factor, vector[2])
-
-
-def _add(one: _Vector, other: _Vector) -> _Vector:
-    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
-
-
-def _subtract(one: _Vector, other: _Vector) -> _Vector:
-    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
-
-
-def _product(a: Any, b: Any) -> Any:
-    """Return a b, or 0.0 if either is a component that is not there."""
-    if isinstance(a, float) and not a:
-        return 0.0
-    return _scale(a, b)
-
-
-def _dot(one: _Vector, other: _Vector) -> Any:
-    return _product(one[0], other[0]) + _product(one[1], other[1]) + _product(one[2], other[2])
-
-
-def _cross(one: _Vector, other: _Vector) -> _Vector:
-    return (
-        _product(one[1], other[2]) - _product(one[2], other[1]),
-        _product(one[2], other[0]) - _product(one[0], other[2]),
-        _product(one[0], other[1]) - _product(one[1], other[0]),
-    )

@@ -37,8 +37,8 @@ def green_function(
 
     ``is_rotation`` says which of the fields are rotations. Entries have the shape (L1, ..., Lp/2 + 1) of the waves of real
     arrays. They are zero for translations of the whole array, and for other waves that deform no contact: where no ring of
-    contacts is odd, balls can turn like gears, each against its neighbours. With one ball in the cell they are real: rotations are
-    multiplied by i. With several they are complex.
+    contacts is odd, balls can turn like gears, each against its neighbours. With one ball in the cell entries are real:
+    rotations are multiplied by i. With several they are complex.
     """
     fields, real = len(is_rotation), n_balls == 1
     waves = (*shape[:-1], shape[-1] // 2 + 1)

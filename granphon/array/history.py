@@ -1,6 +1,6 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, or those in which balls are (:mod:`granphon.array.geometry`). Units are
+Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.true_geometry`). Units are
 those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
 the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
 ball are in balance,
@@ -10,7 +10,7 @@ ball are in balance,
 where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this, from the linear extrapolation of
 the two states before. Its linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts
 slide, or where the shear stiffness changes with the overlap; GMRES solves them, preconditioned by Green's function of the
-lattice or by the factors of :mod:`granphon.array.preconditioners`. A step that fails is taken in two halves.
+lattice. A step that fails is taken in two halves.
 
 The work of the load is the integral of f* dy for each contact; in the limit of short steps it is what the contacts store and
 lose.
@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place
-from granphon.array.pressing import continue_polynomial, goes_on, weigh_states
+from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial, continue_polynomial, goes_on, weigh_states
 from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
@@ -39,8 +38,6 @@ from granphon.base.errors import ConvergenceError, InputError, message
 __all__ = ["BALANCE_TOLERANCE", "START_SPACING", "LoadingHistory", "PressedArray"]
 
 Array = NDArray[np.float64]
-#: largest force, or torque over the diameter, left on a ball, over the mean normal force
-BALANCE_TOLERANCE = 1e-9
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
 START_SPACING = 0.5
 #: tolerance of f* for the refinement of steps
@@ -56,79 +53,26 @@ _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
 #: fall by half for it to go on
 _NEWTON_STEPS, _PATIENCE = 120, 15
-#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part of
-#: the residual that is left before
+#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
+#: of the residual that is left before
 _SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
-#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to the
-#: zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
+#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
+#: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
 _LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
-#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered after
-#: a whole one
+#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered
+#: after a whole one; and the most, where a step is given up
 _EASE, _MOST_HOLD = 10.0, 1e6
-#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the root of the distance
-#: from balance: without it nothing would hold a ball all of whose contacts slide
-_SECANT_SHARE = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class PressedArray:
-    """Array of balls at rest, with the forces that its history has left; in units of W and c W^(3/2).
-
-    Attributes
-    ----------
-    overlap : y, common to all contacts.
-    balls : (fields, L1, ..., Lp) displacements and rotations, in the coordinates of the stencils.
-    contacts : state of the contacts.
-    law : of the contacts.
-    residual : largest force or torque (over the diameter) left on a ball, over the mean normal force.
-    work : of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
-    steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the start.
-    """
-
-    overlap: float
-    balls: Array
-    contacts: Contacts
-    law: FrictionLaw
-    residual: float = 0.0
-    work: float = 0.0
-    slid: float = 0.0
-    loosened: float = 0.0
-    steps: int = 0
-    newton: int = 0
-    krylov: int = 0
-
-    @cached_property
-    def force(self) -> float:
-        """Mean normal force f*, over all contacts, open ones included."""
-        return float(np.mean(self.contacts.forces))
-
-    @property
-    def stored(self) -> float:
-        """Mean energy that a contact stores, in units of c W^(5/2)."""
-        return self.law.stored(self.contacts)
-
-    @property
-    def dissipated(self) -> float:
-        """Energy lost since the start, a mean over contacts, in units of c W^(5/2)."""
-        return self.slid + self.loosened
-
-    @property
-    def sliding_fraction(self) -> float:
-        """Part of the closed contacts whose tangential force is at Coulomb's limit; zero without friction."""
-        mu, forces = self.law.friction_coefficient, self.contacts.forces
-        closed = forces > BALANCE_TOLERANCE * self.force
-        if mu == 0.0 or mu == math.inf or not np.any(closed):
-            return 0.0
-        return float(np.mean(self.contacts.tangential[closed] >= mu * forces[closed] * (1.0 - 1e-12)))
+#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
+#: balance: without it nothing would hold a ball all of whose contacts slide
+_SECANT_SHARE = 30.0
 
 
 @dataclass
@@ -144,8 +88,8 @@ class LoadingHistory:
         load is reached in one step.
     start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
         overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
-        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand, see
-        :mod:`granphon.array.gas`; so lattices begin that do not stand without friction.
+        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
+        see :mod:`granphon.array.gas`: a beginning for lattices that friction alone holds.
     drag : stiffness of dashpots between neighbours within one step, for :mod:`granphon.array.gas`; the state reached is no
         equilibrium of the contacts unless it is zero.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
@@ -206,7 +150,7 @@ class LoadingHistory:
             raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
-        """Return balls with displacements (n p, L1, ..., Lp), and without rotations, slips' history and tangential forces."""
+        """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential forces."""
         cells, shape = self.stencils.n_balls, self.stencils.shape
         balls = np.zeros((cells, self.stencils.motions.count, *shape))
         balls[:, self.stencils.motions.translating] = displacements.reshape(cells, -1, *shape)
@@ -218,8 +162,8 @@ class LoadingHistory:
     def path(self, loads: Iterable[Prescribed]) -> Iterator[PressedArray]:
         """Yield the state at each of the ordered ``loads``, which may go up and down.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load, and
-        ``reached`` of the error is the last state before it.
+        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load,
+        and ``reached`` of the error is the last state before it.
         """
         trail = [self.begin()]
         for load in loads:
@@ -345,32 +289,38 @@ class LoadingHistory:
     def _solve(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
         """Return the equilibrium at the end of one step, or None if it is not found.
 
-        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go to
-        and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
+        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
+        to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
         which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
         """
         here, (balls, y) = trail[-1], self._extrapolate(trail, load)
         trial = self._iterate(here, self._try(here, balls, y, load), load, _NEWTON_STEPS, _PATIENCE)
-        if not trial.done and 0.0 < self.friction_coefficient < math.inf:
+        if not self._is_done(trial) and 0.0 < self.friction_coefficient < math.inf:
             lagged = replace(self._try(here, balls, y, load), newton=trial.newton, krylov=trial.krylov)
             for _ in range(_LAGS):
                 guess = lagged.contacts.overlaps
-                lagged = self._iterate(here, lagged.follow(self._try(here, lagged.balls, lagged.overlap, load, guess)), load, _PATIENCE, _PATIENCE, guess)
+                lagged = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load, guess))
+                lagged = self._iterate(here, lagged, load, _PATIENCE, _PATIENCE, guess)
                 trial = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load))
                 trial = self._iterate(here, trial, load, _NEWTON_STEPS, _SHORT_PATIENCE)
-                if trial.done:
+                if self._is_done(trial):
                     break
                 lagged = replace(lagged, newton=trial.newton, krylov=trial.krylov)
-        return self._arrive(here, trial) if trial.done else None
+        return self._arrive(here, trial) if self._is_done(trial) else None
+
+    @staticmethod
+    def _is_done(trial: Trial) -> bool:
+        """Return whether all balls are in balance, and the load is met."""
+        return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
 
     def _iterate(
-        self, here: PressedArray, trial: _Trial, load: Prescribed, most: int, patience: int, guess: Array | None = None
-    ) -> _Trial:
-        """Return the state after ``most`` steps of Newton's method at most; each ``patience`` of them have to halve the residual."""
+        self, here: PressedArray, trial: Trial, load: Prescribed, most: int, patience: int, guess: Array | None = None
+    ) -> Trial:
+        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual."""
         before, hold, slow = math.inf, 1.0, False
         aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
         for count in range(most):
-            if trial.done or trial.size < aim:
+            if self._is_done(trial) or trial.size < aim:
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * before:
@@ -386,18 +336,18 @@ class LoadingHistory:
         return trial
 
     def _search(
-        self, here: PressedArray, trial: _Trial, way: Motion, load: Prescribed, guess: Array | None, slow: bool
-    ) -> tuple[_Trial, float]:
+        self, here: PressedArray, trial: Trial, way: Motion, load: Prescribed, guess: Array | None, slow: bool
+    ) -> tuple[Trial, float]:
         """Return the state after a step of Newton's method, and the length of the step: halved until less is left.
 
         With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer one is tried too.
         """
 
-        def go(length: float) -> _Trial:
+        def go(length: float) -> Trial:
             motion, overlap = trial.balls + length * way.balls, trial.overlap + length * way.compression
             return self._try(here, motion, overlap, load, guess)
 
-        def slope(state: _Trial) -> float:
+        def slope(state: Trial) -> float:
             return dot(state.pull, way.balls) + state.push * way.compression
 
         first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
@@ -423,7 +373,7 @@ class LoadingHistory:
         slips = contacts.slips - here.contacts.slips
         return contacts.forces + self.drag * normal, contacts.shears + self.stencils.mindlin_ratio * self.drag * slips
 
-    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, guess: Array | None = None) -> _Trial:
+    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
         slips = place.slips(self._locate(here), here.contacts.slips)
         contacts, tangent = self._law.advance(here.contacts, place.overlaps, slips, guess)
@@ -441,9 +391,9 @@ class LoadingHistory:
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
         left = math.sqrt(square) / scale if scale < math.inf else math.inf
-        return _Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
+        return Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
 
-    def _direct(self, trial: _Trial, hold: float, free: bool) -> tuple[Motion, int]:
+    def _direct(self, trial: Trial, hold: float, free: bool) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
         stencils, distance = self.stencils, max(trial.left, trial.missed)
         mean, size = float(np.mean(trial.tangent.stiffness)) + self.drag, trial.balls.size
@@ -452,9 +402,8 @@ class LoadingHistory:
         tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share)
         tangent = tangent.damp(self.drag, stencils.mindlin_ratio * self.drag).scale(1.0 / mean)
         inverse = stencils.preconditioner(self._stack(tangent.stiffness, tangent.springs).astype(np.float32))
-        product, held = self._linearise(tangent), np.float32(1.0 / tangent.stiffness.size)
-        if self._geometry.ratio:
-            product = self._linearise_in_truth(trial, tangent, mean)
+        held, turns = np.float32(1.0 / tangent.stiffness.size), self._geometry.ratio > 0.0
+        product = self._linearise_in_truth(trial, tangent, mean) if turns else self._linearise(tangent)
 
         def apply(vector: Single) -> Single:
             balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
@@ -471,13 +420,13 @@ class LoadingHistory:
         return Motion(found[:size].reshape(trial.balls.shape), float(found[size]) if free else 0.0), taken
 
     def _linearise_in_truth(
-        self, trial: _Trial, tangent: Tangent, scale: float
+        self, trial: Trial, tangent: Tangent, scale: float
     ) -> Callable[[Single, float], tuple[Single, float]]:
         """Return what :meth:`_linearise` does, with forces that turn with contacts; the tangent is over a ``scale``."""
         forces, shears = trial.contacts.forces / scale, trial.contacts.shears / scale
 
         def product(balls: Single, press: float) -> tuple[Single, float]:
-            pull, push = trial.place.respond(Motion(balls, press), tangent.apply, forces, shears)
+            pull, push = trial.place.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
             return pull.astype(np.float32), push
 
         return product
@@ -516,7 +465,7 @@ class LoadingHistory:
 
         return product
 
-    def _arrive(self, here: PressedArray, trial: _Trial) -> PressedArray:
+    def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
@@ -528,30 +477,3 @@ class LoadingHistory:
         press += after.press(state.contacts.forces, state.contacts.shears)
         work = 0.5 * press * (state.overlap - here.overlap)
         return replace(state, work=here.work + work)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms."""
-
-    place: Place
-    balls: Array
-    overlap: float
-    contacts: Contacts
-    tangent: Tangent
-    pull: Array
-    push: float
-    left: float
-    missed: float
-    size: float
-    newton: int = 0
-    krylov: int = 0
-
-    @property
-    def done(self) -> bool:
-        """Whether all balls are in balance, and the load is met."""
-        return self.left <= BALANCE_TOLERANCE and self.missed <= _LOAD_TOLERANCE
-
-    def follow(self, other: _Trial) -> _Trial:
-        """Return another trial that has taken the steps of this one."""
-        return replace(other, newton=self.newton, krylov=self.krylov)

@@ -42,11 +42,13 @@ class Preconditioners:
     """Preconditioners for the systems that an equilibrium or a response of one array poses one after the other.
 
     They count iterations: the matrix is factorised, or factorised anew, when those since the last factorisation cost more
-    than it would. Numbers of iterations alone decide, never times, so that results are the same on any machine.
+    than it would. Numbers of iterations alone decide, never times, so that results are the same on any machine. It is not
+    factorised where more than the part ``most_stiff`` of the contacts is stiff.
     """
 
-    def __init__(self, stencils: Stencils) -> None:
+    def __init__(self, stencils: Stencils, most_stiff: float | None = None) -> None:
         self._stencils = stencils
+        self._most_stiff = _MOST_STIFF[len(stencils.shape) - 1] if most_stiff is None else most_stiff
         self._factors: Inverse | None = None
         self._spent = 0
         self._first: int | None = None  # iterations of the first system with the factors
@@ -75,8 +77,7 @@ class Preconditioners:
 
     def _may_factorise(self, stiffness: Array) -> bool:
         normal = stiffness[: self._stencils.n_contacts]
-        most = _MOST_STIFF[len(self._stencils.shape) - 1]
-        return self.are_small and float(np.mean(normal > _STIFF * np.mean(normal))) <= most
+        return self.are_small and float(np.mean(normal > _STIFF * np.mean(normal))) <= self._most_stiff
 
     def _factorise(self, stiffness: Array) -> Inverse:
         shape, rows = self._stencils.shape, self._stencils.rows

@@ -24,11 +24,11 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.contact_network import turn_frames
 from granphon.array.equilibrium import Equilibrium, Prescribed
 from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.geometry import ExactGeometry, ExactPlace
 from granphon.array.history import LoadingHistory, PressedArray
 from granphon.array.response import elasticity
 from granphon.array.sample import LEAST_CONTACT, STEP, Sample
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only

@@ -1,4 +1,4 @@
-"""Between the states of a loading path: where the next one is looked for, and what lies half-way to it.
+"""States of a loading path, and what lies between them: where the next one is looked for, and the middle of a step.
 
 States that follow each other in one direction of the load lie on a smooth curve, but for contacts that open, close, stick or
 slide. Polynomials in the load through the last states continue it, and fill it in.
@@ -6,16 +6,99 @@ slide. Polynomials in the load through the last states continue it, and fill it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["continue_polynomial", "goes_on", "weigh_states"]
+from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.geometry import Place
+
+__all__ = ["BALANCE_TOLERANCE", "PressedArray", "Trial", "continue_polynomial", "goes_on", "weigh_states"]
 
 Array = NDArray[np.float64]
+#: largest force, or torque over the diameter, left on a ball, over the mean normal force
+BALANCE_TOLERANCE = 1e-9
 #: largest step of the load, over the one before, across which a polynomial is continued
 _FARTHEST = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class PressedArray:
+    """Array of balls at rest, with the forces that its history has left; in units of W and c W^(3/2).
+
+    Attributes
+    ----------
+    overlap : y, common to all contacts.
+    balls : (fields, L1, ..., Lp) displacements and rotations, in the coordinates of the stencils.
+    contacts : state of the contacts.
+    law : of the contacts.
+    residual : largest force or torque (over the diameter) left on a ball, over the mean normal force.
+    work : of the load since the start, a mean over contacts, in units of c W^(5/2).
+    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
+    steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the start.
+    """
+
+    overlap: float
+    balls: Array
+    contacts: Contacts
+    law: FrictionLaw
+    residual: float = 0.0
+    work: float = 0.0
+    slid: float = 0.0
+    loosened: float = 0.0
+    steps: int = 0
+    newton: int = 0
+    krylov: int = 0
+
+    @cached_property
+    def force(self) -> float:
+        """Mean normal force f*, over all contacts, open ones included."""
+        return float(np.mean(self.contacts.forces))
+
+    @property
+    def stored(self) -> float:
+        """Mean energy that a contact stores, in units of c W^(5/2)."""
+        return self.law.stored(self.contacts)
+
+    @property
+    def dissipated(self) -> float:
+        """Energy lost since the start, a mean over contacts, in units of c W^(5/2)."""
+        return self.slid + self.loosened
+
+    @property
+    def sliding_fraction(self) -> float:
+        """Part of the closed contacts whose tangential force is at Coulomb's limit; zero without friction."""
+        mu, forces = self.law.friction_coefficient, self.contacts.forces
+        closed = forces > BALANCE_TOLERANCE * self.force
+        if mu == 0.0 or mu == math.inf or not np.any(closed):
+            return 0.0
+        return float(np.mean(self.contacts.tangential[closed] >= mu * forces[closed] * (1.0 - 1e-12)))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms."""
+
+    place: Place
+    balls: Array
+    overlap: float
+    contacts: Contacts
+    tangent: Tangent
+    pull: Array
+    push: float
+    left: float
+    missed: float
+    size: float
+    newton: int = 0
+    krylov: int = 0
+
+    def follow(self, other: Trial) -> Trial:
+        """Return another trial that has taken the steps of this one."""
+        return replace(other, newton=self.newton, krylov=self.krylov)
 
 
 def continue_polynomial(loads: Sequence[float], load: float) -> list[float]:

@@ -1,13 +1,14 @@
 """The method of minimal residuals (GMRES) for the linear equations of an array of balls that are not symmetric.
 
-Y. Saad and M. H. Schultz, SIAM J. Sci. Stat. Comput. 7, 856 (1986), preconditioned from the right. Steps of Newton's method need
-few digits and few iterations: vectors are in single precision, and an iteration costs little beside its product.
+Y. Saad and M. H. Schultz, SIAM J. Sci. Stat. Comput. 7, 856 (1986), preconditioned from the right. Steps of Newton's method
+need few digits and few iterations: vectors are in single precision, and an iteration costs little beside its product.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from granphon.array.stencils import dot
 __all__ = ["Single", "solve_by_minimal_residuals"]
 
 Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+Single = NDArray[Any]
 Operator = Callable[[Single], Single]
 #: vectors kept, after which the method starts again
 _KEPT = 60
@@ -44,9 +45,7 @@ def solve_by_minimal_residuals(
     return size * found, taken
 
 
-def _cycle(
-    apply: Operator, precondition: Operator, rest: Single, reduction: float, kept: int
-) -> tuple[int, float, Single]:
+def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: float, kept: int) -> tuple[int, float, Single]:
     """Return the number of iterations of one cycle, the norm of the residual and the change of the solution."""
     first = math.sqrt(dot(rest, rest))
     basis, ways = np.empty((2, kept + 1, rest.size), np.float32)

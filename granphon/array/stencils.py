@@ -265,10 +265,7 @@ class Stencils:
         return self._balance(room, tension, np.zeros_like(room))
 
     def couple(self, balls: Array, tension: Callable[[slice, Array], Array]) -> Array:
-        """Return C^T f as :meth:`balance`, where f of one kind may depend on the deformations of others.
-
-        ``tension(part, deformations)`` gives those of all kinds, (rows, m), in a part of the flattened room.
-        """
+        """Return C^T f as :meth:`balance`, from ``tension(part, deformations)`` of all kinds at once, (rows, m)."""
         room = self.rooms.fill(balls)
         self.rooms.wrap(room)
         out = np.zeros_like(room)
@@ -277,8 +274,7 @@ class Stencils:
             found = np.empty((self.n_rows, end - first), room.dtype)
             for kind, row in enumerate(self._rows):
                 found[kind] = self._deform(row, flat, first, end)
-            pulls = tension(slice(first, end), found)
-            for pull, row in zip(pulls, self._rows, strict=True):
+            for pull, row in zip(tension(slice(first, end), found), self._rows, strict=True):
                 self._pull(row, pull, forces, first, end)
         return self.rooms.fold(out)
 

@@ -1,7 +1,7 @@
 """Linear equations of an array in its true geometry: small motions, and elastic constants under the stress that acts.
 
 What changes forces by a small motion is C^T D C and the forces that act, which turn with their contacts
-(:meth:`granphon.array.geometry.ExactPlace.respond`). Without tangential forces the operator is symmetric, and conjugate
+(:meth:`granphon.array.true_geometry.ExactPlace.respond`). Without tangential forces the operator is symmetric, and conjugate
 gradients solve it; with them GMRES does. The lattice's Green's function, or the factors of
 :mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d.
 """
@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.geometry import ExactPlace, Law
+from granphon.array.geometry import Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.true_geometry import ExactPlace
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 

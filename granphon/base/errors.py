@@ -104,7 +104,12 @@ class InstabilityError(GranphonError, RuntimeError):
 
 
 class ConvergenceError(GranphonError, RuntimeError):
-    """An iteration has not reached its tolerance; the message says what it has reached."""
+    """An iteration has not reached its tolerance; the message says what it has reached.
+
+    ``reached`` is the last state of a loading history before the failure; None elsewhere.
+    """
+
+    reached: Any = None
 
 
 class UnsupportedError(GranphonError, NotImplementedError):

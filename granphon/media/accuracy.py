@@ -1,12 +1,13 @@
 """The accuracy of each medium: its measured relative error at a load, from a table that comes with the package.
 
-``tests/benchmarks/accuracy.py`` made the table. It compared the media with large samples of the disordered array, on the
-triangular lattice, fcc and hcp, for some distributions, values of eta, and loads. For each lattice and family of
-distributions (uniform, normal, any) the table stores the largest error at a load, in reduced units, or at any higher load.
-It adds a margin for what lies between the tabulated points: with listed diameters errors peak where the contacts between two
-of the diameters open. An error of the table is therefore a bound for packings whose distribution is not more skewed, and has
-no longer tails, than those that were tried, as far as such a choice of distributions can show. For a simulation the table
-stores the statistical error: the standard deviation of a sample, which falls as the root of the number of its balls.
+``tests/benchmarks/accuracy.py`` made the table. It compared the media with large samples of the disordered array, at rest
+without friction, on the triangular lattice, fcc and hcp, for some distributions, values of eta, and loads. For each lattice
+and family of distributions (uniform, normal, any) the table stores the largest error at a load, in reduced units, or at any
+higher load. It adds a margin for what lies between the tabulated points: with listed diameters errors peak where the
+contacts between two of the diameters open. An error of the table is therefore a bound for packings whose distribution is not
+more skewed, and has no longer tails, than those that were tried, as far as such a choice of distributions can show. For a
+simulation the table stores the statistical error: the standard deviation of a sample, which falls as the root of the number
+of its balls.
 
 The error is the largest relative error of the sound velocities and of the scale of frequencies (k/M)^(1/2). In the plane the
 velocities are the longitudinal and the transverse one; in space, all three along the edges of the cube, the diagonals of its

@@ -203,9 +203,9 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         "shape": Option(DirectSimulation.shape, _cells),
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
+        "geometry": Option(DirectSimulation.geometry, partial(choice, options=GEOMETRIES)),
         "friction_history": Option(DirectSimulation.friction_history, truth),
         "friction_coefficient": Option(DirectSimulation.friction_coefficient, friction_coefficient),
-        "geometry": Option(DirectSimulation.geometry, partial(choice, options=GEOMETRIES)),
         "start": Option(DirectSimulation.start, read_start),
         "shear_response": Option(DirectSimulation.shear_response, partial(choice, options=SHEAR_RESPONSES)),
         "step_tolerance": Option(DirectSimulation.step_tolerance, step_tolerance),
@@ -376,12 +376,14 @@ def _sort_options(packing: Packing, load: Load) -> list[MediumChoice]:
 def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
     """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
 
-    It is +inf where the error is not known, and zero where every medium is exact: for equal balls, and on a line.
+    It is +inf where the error is not known, as with a history of friction, and zero where every medium is exact: for equal
+    balls, and on a line.
     """
     settings = choice.settings
     if not packing.spread_matters:
         return np.zeros(load.shape)
-    if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
+    unknown = settings.get("local_field") == "paper" or settings.get("friction_history")
+    if choice.name not in accuracy().media() or unknown:
         return np.full(load.shape, np.inf)
     medium = choice.of(packing)
     balls = medium.balls * medium.samples if isinstance(medium, DirectSimulation) else 1

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.gas import GAS
-from granphon.array.geometry import ExactGeometry
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
 from granphon.array.pressed_sample import SHEAR_RESPONSES, ContinuedHistory, PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
+from granphon.array.true_geometry import ExactGeometry
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, Refused, message

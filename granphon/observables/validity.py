@@ -29,8 +29,8 @@ _LIMITS = {
     "shear": (
         1e-2,
         "part by which the shear modulus of a simulation with friction is expected to be too small",
-        "it leaves out contacts of loose balls; the transverse velocity is too small by half of that part, the bulk"
-        " modulus by an eighth",
+        "it leaves out contacts of loose balls, which geometry='exact' has; the transverse velocity is too small by half of"
+        " that part, the bulk modulus by an eighth",
     ),
     "torsion": (
         0.1,
@@ -186,7 +186,8 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
       torsion;
     - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985:
       yield begins at 1.07);
-    - for a simulation with friction of balls that differ, the part by which its shear modulus is expected to be too small;
+    - for a simulation with friction of balls that differ, in the geometry of the lattice, the part by which its shear
+      modulus is expected to be too small (without a history of friction: a history keeps what its start leaves out);
     - Young modulus and density, which must be those of a solid: others are probably given in a wrong unit.
 
     The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
@@ -225,7 +226,8 @@ def _compute_validity(state: ContactState) -> Validity:
     values["resonance"] = top * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    if state.n_samples and state.packing.width and state.packing.mindlin_ratio and lattice.periods > 1:
+    sheared = bool(state.packing.mindlin_ratio) and lattice.periods > 1
+    if state.n_samples and state.packing.width and sheared and not state.finite_overlap:  # in the lattice's geometry
         ratio = state.packing.width / state.packing.diameter
         values["shear"] = estimate_shear_deficit(state.contact_fraction, ratio, lattice.periods)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:

@@ -143,7 +143,7 @@ class MediaStudy(DisorderStudy):
             f"of one of {_write_shape(self.checked_shape)}, equilibrium and response by sparse LU differ by"
             f" {np.max(apart):.0e}"
         )
-        made = f"{balls} with control variates; {checked}"
+        made = f"{balls} at rest without friction, with control variates; {checked}"
         return Reference(ensemble.values[:, columns], errors[:, columns], made)
 
     def compare_solvers(self, deadline: Deadline) -> Array:

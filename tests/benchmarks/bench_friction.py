@@ -1,0 +1,77 @@
+"""Benchmarks of the loading with friction: ratios, each measured side by side in one run.
+
+    python tests/benchmarks/bench_friction.py [--json FILE] [--repeats N] [--only PART ...]
+
+The unit is one equilibrium without friction, of the same balls at a* = 1, found a second time: the first call also imports
+what it needs. The path starts at rest without friction at a* = 1/2, which is part of its cost, and its steps are refined as
+by default. The exit code is 1 if a bound is missed.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from side_by_side import Part, Row, against, alternate, command_line
+
+STEPS = 40
+ETA = 0.82
+
+
+def draw(side: int) -> NDArray[np.float64]:
+    """Deviations of uniformly spread balls, of mean zero."""
+    import granphon as gp
+
+    x = gp.Uniform(1.0).sample((side, side), 0)
+    return np.asarray(x - np.mean(x))
+
+
+def press(x: NDArray[np.float64], mu: float) -> float:
+    """Return f* at the end of the path."""
+    from granphon.array.equilibrium import Prescribed
+    from granphon.array.history import LoadingHistory
+    from granphon.array.stencils import Stencils
+
+    history = LoadingHistory(x, Stencils(x.shape, ETA), mu)
+    loads = [Prescribed(overlap=float(y)) for y in np.linspace(0.0, 0.5, STEPS + 1)[1:]]
+    states = list(history.path(loads))
+    assert all(state.residual <= 1e-9 for state in states)
+    return states[-1].force
+
+
+def paths(repeats: int) -> list[Row]:
+    """64 x 64 balls, in units of an equilibrium without friction."""
+    from granphon.array.equilibrium import Prescribed, equilibrate
+
+    x = draw(64)
+    equilibrate(x, Prescribed(overlap=0.5))
+    rows = []
+    for mu in (math.inf, 0.5, 0.2, 0.1):
+        seconds = alternate(
+            min(repeats, 3), path=lambda mu=mu: press(x, mu), rest=lambda: equilibrate(x, Prescribed(overlap=0.5))
+        )
+        rows.append(
+            Row(f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over one equilibrium without friction",
+                seconds["path"] / seconds["rest"], "", 40.0, note=against(seconds, "path", "rest"))
+        )  # fmt: skip
+    return rows
+
+
+def large(repeats: int) -> list[Row]:
+    """256 x 256 balls, once, in seconds of the processor: of other work on the machine it knows less than a clock."""
+    x = draw(256)
+    rows = []
+    for mu in (math.inf, 0.2):
+        start = time.process_time()
+        press(x, mu)
+        rows.append(Row(f"the same of 256 x 256 balls, mu = {mu:g}", time.process_time() - start, "s", 120.0))
+    return rows
+
+
+PARTS: dict[str, Part] = {"paths": paths, "large": large}
+
+if __name__ == "__main__":
+    sys.exit(command_line("Benchmarks of the loading with friction", PARTS))
