@@ -79,8 +79,9 @@ _ROTATING_RESPONSE_TIME = {2: 1.4, 3: 3.5}
 _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
-#: steps of the load for each load of a path, and further steps from the start; and time of a step over an equilibrium's
-_HISTORY_STEPS, _FIRST_STEPS, _HISTORY_TIME = 2.0, 10.0, 10.0
+#: steps of the load for each load of a path, and further steps from the start; and time of a step over an equilibrium's:
+#: within a factor of five for 64 x 64 balls, mu = 0.2 and infinity, one load and ten up to a* = 1
+_HISTORY_STEPS, _FIRST_STEPS, _HISTORY_TIME = 1.0, 12.0, 10.0
 #: bytes for each ball while a path is worked on, and of each state of it that is kept, with two and three periods
 _HISTORY_BYTES, _HISTORY_STATE_BYTES = {2: 2000.0, 3: 5000.0}, {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
