@@ -12,7 +12,8 @@ from sphinx_gallery.scrapers import figure_rst
 _ORDER = (
     "steel_bands", "friction", "dos", "modes_K_M", "rolling_wave", "iso_frequency", "pulse_dispersion", "poisson_ratio",
     "granular_chain", "membrane", "fcc_and_hcp", "slowness_fcc", "rolling_modes", "pressure_sweep", "ladder",
-    "work_precision", "force_chains", "conjecture", "disorder_in_space", "fit_width",
+    "work_precision", "force_chains", "conjecture", "true_directions", "hysteresis", "disorder_in_space",
+    "fit_width",
     "spectral_function", "soft_modes", "coherent_speckle", "wave_crossing", "hexagon_pulse", "random_packing",
 )  # fmt: skip
 _shown: WeakSet[Any] = WeakSet()

@@ -26,9 +26,9 @@ SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: simulations of many balls under many loads, which the documentation runs too
 LONG = {
-    "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "ladder", "paper_figures6_7_8",
-    "paper_figures9_10_11",
-    "soft_modes", "spectral_function", "wave_crossing", "work_precision",
+    "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "hysteresis", "ladder",
+    "paper_figures6_7_8", "paper_figures9_10_11",
+    "soft_modes", "spectral_function", "true_directions", "wave_crossing", "work_precision",
 }  # fmt: skip
 
 

@@ -20,9 +20,12 @@ from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.history import LoadingHistory
+from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC, SQUARE, TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
+from granphon.dynamics.tensors import bulk_and_shear
 
 ETA = 0.82
 
@@ -112,6 +115,7 @@ def exact_shear(end):
     return solve_ivp(rate, (0.0, end), [0.0, 0.0], rtol=1e-11, atol=1e-12, max_step=0.01).y[:, -1]
 
 
+@pytest.mark.claim("friction-law")
 def test_steps_are_of_second_order_and_tend_to_mindlins_law():
     expected, errors = exact_shear(2.0), []
     for steps in (40, 80, 160):
@@ -122,6 +126,7 @@ def test_steps_are_of_second_order_and_tend_to_mindlins_law():
     assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.3)
 
 
+@pytest.mark.claim("friction-energy")
 @pytest.mark.parametrize("mu", [0.3, math.inf])
 def test_work_on_a_contact_is_stored_or_lost(mu):
     """Order two: what the two sums of a path leave falls by four when steps are halved."""
@@ -143,6 +148,7 @@ def test_work_on_a_contact_is_stored_or_lost(mu):
     assert left[0] / left[2] > 8.0
 
 
+@pytest.mark.claim("friction-law")
 @settings(max_examples=50)
 @given(
     st.lists(st.tuples(st.floats(-0.3, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), min_size=2),
@@ -226,6 +232,7 @@ class Dense:
 NODES, WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(4)[1] / 2.0
 
 
+@pytest.mark.claim("friction-dense")
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("shape", "mu"), [((6, 6), math.inf), ((6, 7), 0.2), ((8, 8), 0.1)])
 def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu):
@@ -233,6 +240,7 @@ def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu):
     compare_with_dense(shape, mu, ramp(0.5, 0.9, 0.6, steps=3))
 
 
+@pytest.mark.claim("friction-dense")
 def test_a_path_is_that_of_dense_equations(monkeypatch):
     monkeypatch.setattr(module, "BALANCE_TOLERANCE", 1e-12)  # balls that little holds move by much more than the residual
     compare_with_dense((4, 4), 0.2, ramp(0.5, 0.9, 0.6, steps=1))
@@ -280,6 +288,7 @@ def test_an_array_in_space_is_in_balance_and_keeps_its_energy():
 # -- arrays: energy, orders, limits ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("friction-energy")
 @pytest.mark.parametrize("mu", [0.2, math.inf])
 def test_work_of_the_load_is_stored_or_lost_to_second_order(mu):
     left = []
@@ -301,6 +310,7 @@ def test_friction_raises_the_force_as_an_independent_trial_has_it():
         assert at[spacing].force / smooth - 1.0 == pytest.approx(rise, rel=0.15)
 
 
+@pytest.mark.claim("friction-small")
 def test_without_friction_forces_are_those_of_the_equilibrium():
     for state in history((8, 8), 0.0).path(ramp(0.5, 0.9, 0.6, steps=2)):
         expected = equilibrate(balls((8, 8)), Prescribed(overlap=state.overlap)).forces
@@ -308,6 +318,7 @@ def test_without_friction_forces_are_those_of_the_equilibrium():
         assert not np.any(state.contacts.shears)
 
 
+@pytest.mark.claim("friction-small")
 def test_small_friction_changes_forces_in_proportion_to_it():
     start, smooth = (equilibrate(balls((3, 4)), Prescribed(overlap=overlap)) for overlap in (0.0, 0.4))
     changes = []
@@ -354,6 +365,29 @@ def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
     assert lost[1] / lost[2] == pytest.approx(8.0, rel=0.1)
 
 
+@pytest.mark.claim("friction-stick")
+def test_in_small_cycles_contacts_stick():
+    """Further loading meets less than the stiffness of contacts that stick; loads that go to and fro meet it."""
+    paths, smooth = history((12, 12), 0.1), Stencils((12, 12))
+    state = run(paths, ramp(0.5, 0.7, steps=4))[-1]
+    still = PressedEquilibrium.of(state, paths.deviations, paths.stencils, 0.0).share(paths.deviations, smooth)
+    stick, slide = (
+        2.0 / math.sqrt(3.0) * bulk_and_shear(elasticity(still, still.shear_ratios(response)))[0]
+        for response in ("stick", "slide")
+    )
+    assert state.sliding_fraction > 0.2
+    assert slide < 0.98 * stick
+    met = []
+    for change in (1e-4, -1e-4, 1e-4, -1e-4, 1e-4):
+        after = paths.step([state], Prescribed(overlap=state.overlap + change))
+        met.append((after.force - state.force) / change)
+        state = after
+    assert 1.001 * slide < met[0] < 0.99 * stick
+    assert met[1:] == pytest.approx(4 * [stick], rel=4e-3)  # T dk/k where a contact is unloaded makes the difference
+    assert state.sliding_fraction < 0.01
+
+
+@pytest.mark.claim("friction-steps")
 def test_steps_are_refined_until_the_force_does_not_change():
     loads = ramp(0.5, 0.8, steps=1)
     coarse, fine = (run(history((6, 6), math.inf, tolerance, seed=1), loads)[0] for tolerance in (1e-3, 1e-4))

@@ -178,6 +178,9 @@ class EffectiveMedium(_ByLaw):
     diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
     falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
 
+    Friction makes Xi larger: the lattice around a ball gives way less. Contacts bear no tangential force at rest, none
+    slides, and the way to the load does not matter; :class:`DirectSimulation` with ``friction_history`` has all that.
+
     Parameters
     ----------
     packing : the balls.

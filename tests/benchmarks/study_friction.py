@@ -1,0 +1,454 @@
+"""What the page on friction says of arrays loaded with friction, from runs too long for the tests, and its figures.
+
+    python tests/benchmarks/study_friction.py [--json FILE] [--only PART ...]
+
+Some ten minutes on one processor. Seeds are given: numbers are the same on any machine. The part ``figures`` draws the
+page's figures into docs/images. Balls of steel of 8 mm, spread uniformly over 2.04 um, at rest without friction at
+a* = 1/2 and then pressed with friction; four arrays of 64 x 64, or of 32 x 32
+where they are let go again. Brackets hold the standard error of the last digits. A line
+of numbers is over the loads that its row names.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from side_by_side import Part, Row, command_line
+from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
+
+import granphon as gp
+from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.response import elasticity
+from granphon.array.sample import LEAST_CONTACT
+from granphon.array.stencils import Stencils
+from granphon.dynamics.tensors import bulk_and_shear
+from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
+PACKING = PACKINGS[True]
+ETA = PACKING.mindlin_ratio
+SHAPE, SAMPLES = (64, 64), 4
+#: of arrays that are let go again, or begin elsewhere
+SMALLER = (32, 32)
+#: friction coefficients of the contacts under load; zero is today's simulation, whose statics have no friction
+FRICTIONS = (0.0, 0.1, 0.2, 0.5, math.inf)
+#: reduced spacings of a path up, from the start at a* = 1/2
+SPACINGS = (0.525, 0.55, 0.575, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 1.0, 1.25, 1.5)
+#: where a path turns, to come back to the start
+TURN = 1.0
+#: f* of a path up: from 0.08 to 0.9, the range of Gilles and Coste, and beyond
+FORCES = (0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.5, 3.0)
+RANGE = slice(FORCES.index(0.08), FORCES.index(0.9) + 1)
+#: what contacts resist slip with in sound
+SPRINGS = ("stick", "slide", "partial_slip")
+
+
+#: friction coefficient, colour and marker in figures
+LOOKS = tuple(zip(FRICTIONS, ("0.45", VERMILION, GREEN, SKY_BLUE, BLUE), "xosD^", strict=True))
+#: names of what sliding does
+SLIDING, TANGENTIAL = "part of the closed contacts that slides", "mean tangential over mean normal force"
+
+
+def label(mu: float) -> str:
+    return "no friction in the statics" if not mu else rf"$\mu$ = {mu:g}" if mu < math.inf else r"$\mu=\infty$"
+
+
+def named(mu: float) -> str:
+    return "no friction" if not mu else f"mu = {mu:g}"
+
+
+@cache
+def deviations(seed: int, shape: tuple[int, int] = SHAPE) -> Array:
+    x = gp.Uniform(1.0).sample(shape, seed)
+    return np.asarray(x - np.mean(x))
+
+
+@cache
+def history(mu: float, seed: int, shape: tuple[int, int] = SHAPE) -> LoadingHistory:
+    return LoadingHistory(deviations(seed, shape), Stencils(shape, ETA), mu)
+
+
+@cache
+def upwards(mu: float, seed: int) -> tuple[PressedArray, ...]:
+    """States at :data:`SPACINGS` on a way up."""
+    return tuple(history(mu, seed).path(Prescribed(overlap=a - 0.5) for a in SPACINGS))
+
+
+@cache
+def cycle(mu: float, seed: int) -> tuple[PressedArray, ...]:
+    """States on the way up to :data:`TURN`, and back from there to the start."""
+    up = [a for a in SPACINGS if a <= TURN]
+    return tuple(history(mu, seed, SMALLER).path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5)))
+
+
+@cache
+def smooth(seed: int) -> tuple[Equilibrium, ...]:
+    """Equilibria without friction at :data:`SPACINGS`."""
+    found: list[Equilibrium] = []
+    for a in SPACINGS:
+        found.append(equilibrate(deviations(seed), Prescribed(overlap=a - 0.5), None, found[-1] if found else None))
+    return tuple(found)
+
+
+@cache
+def by_force(mu: float, seed: int) -> tuple[Equilibrium, ...]:
+    """States under :data:`FORCES`; without friction they are those of the simulation without a history."""
+    x, loads, bare = deviations(seed), [Prescribed(force=f) for f in FORCES], Stencils(SHAPE)
+    if mu:
+        paths = history(mu, seed)
+        return tuple(PressedEquilibrium.of(state, x, paths.stencils, 0.0).share(x, bare) for state in paths.path(loads))
+    found: list[Equilibrium] = []
+    for load in loads:
+        found.append(equilibrate(x, load, bare, found[-1] if found else None))
+    return tuple(found)
+
+
+@cache
+def moduli(mu: float, seed: int, springs: str) -> Array:
+    """(loads, 2) K and G, in units of c W^(1/2)/d, at :data:`FORCES`."""
+    states = by_force(mu, seed)
+    ratios = [state.shear_ratios(springs) if isinstance(state, PressedEquilibrium) else ETA for state in states]
+    return np.array([bulk_and_shear(elasticity(*pair)) for pair in zip(states, ratios, strict=True)])
+
+
+def over_samples(found: list[Array]) -> tuple[Array, Array]:
+    return mean_and_error(np.array(found))
+
+
+def row_of(what: str, kind: str, loads: Sequence[float], values: tuple[Array, Array]) -> Row:
+    """Numbers over loads, with their errors; the value is the one farthest from zero."""
+    note = ", ".join(with_error(v, e) for v, e in zip(*values, strict=True))
+    return Row(f"{what}, {over(kind, loads)}", float(values[0][np.argmax(np.abs(values[0]))]), note=note)
+
+
+def with_error(value: float, error: float) -> str:
+    """Such as 0.3423(5), and the number alone if there is no error."""
+    return bracketed(float(value), float(error)) if error > 1e-9 else f"{value:g}"
+
+
+def over(kind: str, loads: Sequence[float]) -> str:
+    return f"{kind}* = {', '.join(f'{load:g}' for load in loads)}"
+
+
+# -- force over spacing -------------------------------------------------------------------------------------------------
+
+
+@cache
+def rises(mu: float) -> tuple[Array, Array]:
+    """What friction adds to f* at :data:`SPACINGS`, as a part of it."""
+    return over_samples([
+        np.array([one.force / other.force - 1.0 for one, other in zip(upwards(mu, seed), smooth(seed), strict=True)])
+        for seed in range(SAMPLES)
+    ])  # fmt: skip
+
+
+def medium_rise(spacings: Sequence[float] | Array = SPACINGS) -> Array:
+    """The same of the effective medium."""
+    overlap = WIDTH * (np.array(spacings) - 0.5)
+    with_friction, without = (gp.EffectiveMedium(PACKINGS[f]).at_overlap(overlap).force for f in (True, False))
+    return np.asarray(with_friction / without - 1.0)
+
+
+@cache
+def carried(mu: float) -> tuple[Array, Array]:
+    """Part of the contacts that carries load, at :data:`FORCES`."""
+    return over_samples([
+        np.array([np.mean(one.forces > LEAST_CONTACT * one.force) for one in by_force(mu, seed)])
+        for seed in range(SAMPLES)
+    ])  # fmt: skip
+
+
+def force(repeats: int) -> list[Row]:
+    """f*(a*) with friction over that without, the contacts, and the medium's."""
+    rows = []
+    for mu in FRICTIONS[1:]:
+        rows.append(row_of(f"what friction adds to f*, {named(mu)}", "a", SPACINGS, rises(mu)))
+    note = ", ".join(f"{rise:.4f}" for rise in medium_rise())
+    rows.append(
+        Row(f"what friction adds to f* of the medium, {over('a', SPACINGS)}", float(np.max(medium_rise())), note=note)
+    )
+    for mu in FRICTIONS:
+        rows.append(row_of(f"part of the contacts that carries load, {named(mu)}", "f", FORCES, carried(mu)))
+    return rows
+
+
+# -- sound --------------------------------------------------------------------------------------------------------------
+
+
+def medium_moduli() -> Array:
+    """(loads, 2) K and G of the effective medium with friction, in units of c W^(1/2)/d."""
+    found = gp.moduli(gp.EffectiveMedium(PACKING).at_force(np.array(FORCES) * UNIT))
+    return np.stack([found.bulk, found.shear], axis=-1) / (PACKING.width_units.stiffness / PACKING.diameter)
+
+
+@cache
+def sound(mu: float, springs: str = "stick") -> dict[str, tuple[Array, Array]]:
+    """By name, (loads,) quantities of sound and their standard errors."""
+    ideal, every = medium_moduli(), [moduli(mu, seed, springs) for seed in range(SAMPLES)]
+    base = [moduli(0.0, seed, "stick") for seed in range(SAMPLES)]
+    ratio = [m[:, 1] / m[:, 0] for m in every]
+    return {
+        "k": over_samples([2.0 * m[:, 0] / math.sqrt(3.0) for m in every]),
+        "2G/(1 + eta)K": over_samples([2.0 * r / (1.0 + ETA) for r in ratio]),
+        "kappa/eta k": over_samples([(2.0 * r - 1.0) / ETA for r in ratio]),
+        "v_L of the medium": over_samples([np.sqrt(ideal.sum(axis=1) / m.sum(axis=1)) for m in every]),
+        "v_T of the medium": over_samples([np.sqrt(ideal[:, 1] / m[:, 1]) for m in every]),
+        "v_L without friction": over_samples([np.sqrt(b.sum(1) / m.sum(1)) for m, b in zip(every, base, strict=True)]),
+        "v_T without friction": over_samples([np.sqrt(b[:, 1] / m[:, 1]) for m, b in zip(every, base, strict=True)]),
+    }
+
+
+def velocities(repeats: int) -> list[Row]:
+    """k, G/K, and velocities of the medium and of statics without friction over those of arrays with friction."""
+    rows = []
+    for mu in FRICTIONS:
+        for springs in SPRINGS if 0.0 < mu < math.inf else SPRINGS[:1]:
+            for name, found in sound(mu, springs).items():
+                rows.append(row_of(f"{name}, {named(mu)}, springs: {springs}", "f", FORCES, found))
+    for mu in FRICTIONS:
+        worst = {name: float(np.max(np.abs(sound(mu)[f"{name} of the medium"][0][RANGE] - 1.0))) for name in ("v_L", "v_T")}
+        rows += [Row(f"{name} of the medium, f* = 0.08 to 0.9, {named(mu)}: largest error", w) for name, w in worst.items()]
+    return rows
+
+
+# -- sliding ------------------------------------------------------------------------------------------------------------
+
+
+@cache
+def sliding_at(mu: float) -> dict[str, tuple[Array, Array]]:
+    """By name, (loads,) what sliding does on the way up, at :data:`SPACINGS`."""
+    ways, free = ([upwards(m, seed) for seed in range(SAMPLES)] for m in (mu, math.inf))
+
+    def of(find: Callable[[PressedArray], float]) -> tuple[Array, Array]:
+        return over_samples([np.array([find(one) for one in way]) for way in ways])
+
+    borne = [
+        np.array([np.mean(a.contacts.tangential) / np.mean(b.contacts.tangential) for a, b in zip(way, other, strict=True)])
+        for way, other in zip(ways, free, strict=True)
+    ]
+    return {
+        SLIDING: of(lambda one: one.sliding_fraction),
+        TANGENTIAL: of(lambda one: np.mean(one.contacts.tangential) / one.force),
+        "tangential force over that without sliding": over_samples(borne),
+        "work lost by sliding": of(lambda one: one.slid / one.work),
+        "work lost by the law": of(lambda one: one.loosened / one.work),
+    }
+
+
+def sliding(repeats: int) -> list[Row]:
+    """How much of the tangential force is lost by sliding."""
+    return [
+        row_of(f"{name}, {named(mu)}", "a", SPACINGS, found)
+        for mu in FRICTIONS[1:]
+        for name, found in sliding_at(mu).items()
+    ]
+
+
+# -- loading and unloading ----------------------------------------------------------------------------------------------
+
+
+#: a* that a cycle meets twice
+BETWEEN = tuple(a for a in SPACINGS if a < TURN)
+
+
+@cache
+def gaps(mu: float) -> tuple[Array, Array]:
+    """f* on the way back over f* on the way up, less 1, at :data:`BETWEEN`."""
+    found, count = [], len(BETWEEN)
+    for seed in range(SAMPLES):
+        force = np.array([state.force for state in cycle(mu, seed)])
+        found.append(force[2 * count : count : -1] / force[:count] - 1.0)
+    return over_samples(found)
+
+
+@cache
+def losses(mu: float) -> tuple[Array, Array]:
+    """Work that a cycle loses over that on the way up, the part of it lost by sliding, and f* at its end over its start."""
+    found = []
+    for seed in range(SAMPLES):
+        states = cycle(mu, seed)
+        top, end, begun = states[len(BETWEEN)], states[-1], history(mu, seed, SMALLER).begin()
+        found.append(np.array([end.dissipated / top.work, end.slid / end.dissipated, end.force / begun.force]))
+    return over_samples(found)
+
+
+def hysteresis(repeats: int) -> list[Row]:
+    """f* on the way back over f* on the way up; the work that a cycle loses; what is left at the start."""
+    rows = []
+    for mu in FRICTIONS[1:]:
+        rows.append(row_of(f"f* on the way back over that on the way up, less 1, {named(mu)}", "a", BETWEEN, gaps(mu)))
+        names = "work lost in a cycle, of that on the way up", "part of it lost by sliding", "f* at the end over the start"
+        for name, value, error in zip(names, *losses(mu), strict=True):
+            rows.append(Row(f"{name}, {named(mu)}", float(value), note=with_error(value, error)))
+    return rows
+
+
+# -- where a history begins ---------------------------------------------------------------------------------------------
+
+#: a* of the beginning, and where forces are compared
+STARTS, COMPARED = (0.45, 0.5, 0.6, 0.7), (0.8, 1.0, 1.5)
+
+
+def starts(repeats: int) -> list[Row]:
+    """f* at a given a* by where the history begins, over that of a beginning at 1/2."""
+    rows = []
+    for mu in (0.2, math.inf):
+        found = []
+        for seed in range(SAMPLES):
+            x, forces = deviations(seed, SMALLER), []
+            for a in STARTS:
+                paths = LoadingHistory(x, Stencils(SMALLER, ETA), mu, start=equilibrate(x, Prescribed(overlap=a - 0.5)))
+                way = [b for b in SPACINGS if b > a]
+                states = zip(way, paths.path(Prescribed(overlap=b - 0.5) for b in way), strict=True)
+                forces.append([state.force for b, state in states if b in COMPARED])
+            found.append(np.array(forces) / np.array(forces)[STARTS.index(0.5)] - 1.0)
+        value, error = over_samples(found)
+        for place, a in enumerate(STARTS):
+            if a != 0.5:
+                what = f"f* of a history from a* = {a:g} over that of one from 0.5, less 1, {named(mu)}"
+                rows.append(row_of(what, "a", COMPARED, (value[place], error[place])))
+    return rows
+
+
+# -- the width of a fit -------------------------------------------------------------------------------------------------
+
+
+@cache
+def widths_of(mu: float) -> tuple[float, float]:
+    """Width over the balls' own that the medium finds by the longitudinal sound of arrays, f* = 0.08 to 0.9."""
+    ideal = gp.EffectiveMedium(PACKING).at_force(np.array(FORCES)[RANGE] * UNIT)
+    stiff, velocity = medium_moduli()[RANGE].sum(axis=1), gp.sound_velocities(ideal).longitudinal
+    found = [
+        gp.fit_width(PACKING, ideal.force, velocity * np.sqrt(moduli(mu, seed, "stick")[RANGE].sum(axis=1) / stiff)).width
+        for seed in range(SAMPLES)
+    ]
+    value, error = over_samples(found)
+    return float(value) / WIDTH, float(error) / WIDTH
+
+
+def widths(repeats: int) -> list[Row]:
+    """The width that the medium finds from the sound of arrays with friction."""
+    return [
+        Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error))
+        for mu in FRICTIONS
+        for value, error in [widths_of(mu)]
+    ]
+
+
+# -- energy -------------------------------------------------------------------------------------------------------------
+
+
+def energy(repeats: int) -> list[Row]:
+    """Work of the load, less what contacts store and lose, over the work, by the number of steps in which a* goes to 1."""
+    rows, x = [], deviations(0, SMALLER)
+    for mu in (0.2, math.inf):
+        for steps in (5, 10, 20, 40):
+            paths = LoadingHistory(x, Stencils(x.shape, ETA), mu, math.inf)
+            spacings = np.linspace(0.5, 1.0, steps + 1)[1:]
+            *_, last = paths.path(Prescribed(overlap=float(a) - 0.5) for a in spacings)
+            left = last.work - last.dissipated - (last.stored - paths.begin().stored)
+            what = f"work that is neither stored nor lost, of the work, {named(mu)}, {steps} steps"
+            rows.append(
+                Row(what, abs(left) / last.work, "", 0.25 / steps**2, note=f"lost: {last.dissipated / last.work:.3g}")
+            )
+    return rows
+
+
+# -- figures ------------------------------------------------------------------------------------------------------------
+
+
+def draw_forces(figure: Figure) -> None:
+    """What friction adds to the force, the hysteresis, tangential forces and sliding."""
+    axes = figure.subplot_mosaic([["rise", "gap"], ["shear", "slide"]])
+    for mu, colour, marker in LOOKS[1:]:
+        look: Any = {
+            "color": colour,
+            "marker": marker,
+            "markersize": 3.5,
+            "linewidth": 0.8,
+            "elinewidth": 0.6,
+            "capsize": 1.5,
+        }
+        look["label"] = label(mu)
+        for name, spacings, found in (
+            ("rise", SPACINGS, rises(mu)), ("gap", BETWEEN, gaps(mu)),
+            ("shear", SPACINGS, sliding_at(mu)[TANGENTIAL]), ("slide", SPACINGS, sliding_at(mu)[SLIDING]),
+        ):  # fmt: skip
+            axes[name].errorbar(spacings, 100.0 * found[0], 100.0 * found[1], **look)
+    fine = np.linspace(0.5, SPACINGS[-1], 81)
+    axes["rise"].plot(fine, 100.0 * medium_rise(fine), color="black", linewidth=1.0, dashes=(3.5, 1.8), label="medium")
+    axes["rise"].set(ylabel="What friction adds to the force (%)", ylim=(0.0, 9.5))
+    axes["gap"].set(ylabel="Force on the way back over that\non the way up, less 1 (%)")
+    axes["shear"].set(ylabel="Mean tangential over mean\nnormal force (%)", ylim=(0.0, None))
+    axes["slide"].set(ylabel="Closed contacts that slide (%)", ylim=(0.0, None))
+    axes["rise"].legend(ncols=2)
+    for name, letter in zip(axes, "abcd", strict=True):
+        axes[name].set_xlabel("$a^*$")
+        axes[name].set_title(letter, loc="left", fontweight="bold")
+
+
+def draw_sound(figure: Figure) -> None:
+    """G/K, and velocities of the medium, over those of arrays with friction."""
+    axes = figure.subplot_mosaic([["ratio", "v_L of the medium"], ["ratio", "v_T of the medium"]], sharex=True)
+    for mu, colour, marker in LOOKS:
+        for springs in ("stick", "slide") if mu in (0.1, 0.2) else ("stick",):
+            look: Any = {"color": colour, "marker": marker, "markersize": 3.5, "elinewidth": 0.6, "capsize": 1.5}
+            look |= {"linewidth": 0.8, "linestyle": "-" if springs == "stick" else ":"}
+            if springs == "slide":
+                look["mfc"] = "white"
+            found = sound(mu, springs)
+            what = label(mu) if springs == "stick" else f"{label(mu)}, no spring\nwhere it slides"
+            axes["ratio"].errorbar(FORCES, *found["2G/(1 + eta)K"], label=what, **look)
+            if springs == "stick":
+                for name in ("v_L of the medium", "v_T of the medium"):
+                    value, error = found[name]
+                    axes[name].errorbar(FORCES, 100.0 * (value - 1.0), 100.0 * error, label=label(mu), **look)
+    axes["ratio"].set(ylabel=r"$2G/(1+\eta)K$", ylim=(0.55, 1.02))
+    axes["ratio"].legend(loc="lower right")
+    for name, ax in axes.items():
+        ax.set(xscale="log", xlim=(0.025, 3.6))
+        ax.axvspan(0.08, 0.9, color="0.93", zorder=0)
+        ax.axhline(1.0 if name == "ratio" else 0.0, color=GUIDE, linewidth=0.6, zorder=0.5)
+        if name != "ratio":
+            ax.set_ylabel(f"${name[:3]}$ of the medium over\nthat of the array, less 1 (%)")
+    axes["ratio"].set_xlabel("$f^*$")
+    axes["v_T of the medium"].set_xlabel("$f^*$")
+    axes["v_L of the medium"].tick_params(labelbottom=False)
+    axes["v_L of the medium"].legend(loc="lower right")
+    for name, letter in zip(axes, "abc", strict=True):
+        axes[name].set_title(letter, loc="left", fontweight="bold")
+
+
+def figures(repeats: int) -> list[Row]:
+    """Draw the figures of the page."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        for name, draw, height in (("friction_forces", draw_forces, 4.8), ("friction_sound", draw_sound, 4.2)):
+            figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
+            draw(figure)
+            save_figure(figure, IMAGES / f"{name}.png")
+    return []
+
+
+PARTS: dict[str, Part] = {
+    "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
+    "widths": widths, "energy": energy, "figures": figures,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(command_line("Study of friction in the statics", PARTS))
