@@ -122,7 +122,7 @@ def test_commands_stand_in_groups(capsys):
     listed = {name: re.findall(r"^  (\w+) ", text, re.MULTILINE) for name, text in sections}
     assert list(listed) == ["Options", *GROUPS]
     assert listed["Scenes"] == ["init", "check", "run"]
-    assert listed["Pictures"] == ["mode", "animate", "plot"]
+    assert listed["Pictures"] == ["mode", "animate", "page", "export", "plot"]
     assert listed["Comparisons"] == ["fit", "tradeoff"]
 
 
