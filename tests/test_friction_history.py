@@ -495,6 +495,23 @@ def test_a_refinement_without_end_names_the_load(monkeypatch):
         run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
 
 
+def test_a_path_does_not_go_on_for_ever(monkeypatch):
+    monkeypatch.setattr(module, "_MOST_STEPS", 2)
+    with pytest.raises(ConvergenceError, match="more than 2 steps"):
+        run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
+
+
+def test_where_the_array_stands_no_step_is_taken():
+    first, again, last = run(history((6, 6), 0.2), [Prescribed(overlap=y) for y in (0.1, 0.1, 0.2)])
+    assert again is first
+    assert last.steps > first.steps
+
+
+def test_balls_that_fall_apart_are_an_error_of_their_load():
+    with pytest.raises(ConvergenceError, match=r"an overlap of -0\.49"):
+        run(history((6, 6), 0.2), [Prescribed(overlap=0.1), Prescribed(overlap=-0.49)])
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [({"mu": -0.1}, "friction coefficient"), ({"mu": math.nan}, "friction coefficient"), ({"tolerance": 0.0}, "tolerance")],

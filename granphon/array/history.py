@@ -58,6 +58,8 @@ _NEWTON_STEPS, _PATIENCE = 120, 15
 _SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
+#: number of steps to one load
+_MOST_STEPS = 500
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
 #: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
@@ -167,6 +169,10 @@ class LoadingHistory:
         """
         trail = [self.begin()]
         for load in loads:
+            here, aim = self._measure(trail[-1], load), self._aim(load)
+            if abs(aim - here) <= _LOAD_TOLERANCE * (here if load.overlap is None else 1.0):  # the array stands there
+                yield trail[-1]
+                continue
             try:
                 for state in self._refine(trail, load):
                     trail = [*trail[-2:], state]
@@ -180,7 +186,7 @@ class LoadingHistory:
         if self.tolerance == math.inf:
             yield self.step(trail, load)
             return
-        ahead = [(load, self.tolerance, 0)]
+        ahead, taken = [(load, self.tolerance, 0)], 0
         while ahead:
             load, allowed, halvings = ahead.pop()
             middle, found = self._between(trail[-1], load), []
@@ -192,9 +198,11 @@ class LoadingHistory:
             # balance to a finite residual leaves f* uncertain
             if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * found[-1].force:
                 yield from found
-                trail = [*trail, *found][-3:]
+                trail, taken = [*trail, *found][-3:], taken + len(found)
             elif halvings == _MOST_HALVINGS:
                 raise self._explain(load, f"halving the step still changes f* by {change / found[-1].force:.2g}")
+            elif taken + len(ahead) > _MOST_STEPS:
+                raise self._explain(load, f"it takes more than {_MOST_STEPS} steps")
             else:
                 # where a ball loses its hold and falls, one of the halves keeps all of the change
                 allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
@@ -320,7 +328,7 @@ class LoadingHistory:
         before, hold, slow = math.inf, 1.0, False
         aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
         for count in range(most):
-            if self._is_done(trial) or trial.size < aim:
+            if self._is_done(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * before:

@@ -269,16 +269,13 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
     here = history.resumed = LoadingHistory.begin(history)
     if not loading.ordered:
         _require_above(here.overlap, here.force, path)
-    moves: list[Prescribed] = []  # the history takes loads from its end; where the array already stands, there is none
-    states = history.path(iter(lambda: moves.pop(), None))
-    for place, load in enumerate(path):
-        if not _stands_at(here.overlap, here.force, load):
-            moves.append(load)
-            try:
-                here = next(states)
-            except GranphonError as error:
-                error.load_index = place
-                raise
+    states = history.path(path)
+    for place in range(len(path)):
+        try:
+            here = next(states)
+        except GranphonError as error:
+            error.load_index = place
+            raise
         yield PressedEquilibrium.of(here, deviations, stencils, loading.ratio).share(deviations, smooth)
     smooth.forget()
 
@@ -308,11 +305,6 @@ def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> 
             )
             error.load_index = place
             raise error
-
-
-def _stands_at(overlap: float, force: float, load: Prescribed) -> bool:
-    """Whether a state with this overlap and force is under the load already."""
-    return abs(load.force - force) <= _ROUNDING * force if load.overlap is None else abs(load.overlap - overlap) <= _ROUNDING
 
 
 def _describe(load: Prescribed) -> str:
