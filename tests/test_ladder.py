@@ -70,7 +70,7 @@ def test_labels_say_what_is_not_the_default():
         ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
         (
             {"simulation": {"sampels": 1}},
-            "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples. Did",
+            "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples, geometry, friction_history,",
         ),
         ({"simulation": {"samples": 1.0}}, "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000."),
         ({"simulation": {"seed": -1}}, "medium.simulation.seed: found -1; allowed: a whole number from 0 to"),
@@ -82,7 +82,10 @@ def test_labels_say_what_is_not_the_default():
             {"simulation": {"shape": (16, 16, 1, 1)}},
             "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to 20000, one for each period of the",
         ),
-        ({"simulation": 4}, "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples."),
+        (
+            {"simulation": 4},
+            "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples, geometry, friction_history,",
+        ),
         ({"ema": {"local_field": None}}, "medium.ema.local_field: found nothing; allowed: computed, paper."),
     ],
 )

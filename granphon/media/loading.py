@@ -85,8 +85,13 @@ class Pressed:
 # -- options ----------------------------------------------------------------------------------------------------------
 
 
-def friction_coefficient(value: Any) -> float:
-    """Read a friction coefficient: a number, zero or above, infinity too; a rule of :mod:`granphon.base.validation`."""
+def friction_coefficient(value: Any) -> float | None:
+    """Read a friction coefficient: a number, zero or above, infinity too; None is that of no history.
+
+    It is a rule of :mod:`granphon.base.validation`.
+    """
+    if value is None:
+        return None
     word = value.strip().lower() if isinstance(value, str) else ""
     found = math.inf if word in ("inf", "infinite", "infinity") else real_number(value)
     if not found >= 0.0:
