@@ -228,7 +228,7 @@ class PressedSample(Sample):
     packing, seed : as those of :class:`Sample`.
     equilibrium : the solution, in units of W and c W^(3/2).
     shear_response : tangential stiffness of contacts under sound: "slide" (eta k, none where a contact slides), "stick" (eta
-        k everywhere), or "partial_slip" (eta k (1 - |T|/mu f)^(1/3)).
+        k everywhere), or "partial_slip" (``eta k (1 - |T|/mu f)^(1/3)``).
     """
 
     equilibrium: PressedEquilibrium
