@@ -96,7 +96,7 @@ RUNGS = {
     "ema": "effective medium: the neighbours of a ball give way",
     "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low load, and dearer",
     "simulation": "every ball of an array by itself; lattices that stand without friction (chain, triangular, fcc, hcp), "
-    "no `finite_overlap`",
+    "others with `start: gas`; `finite_overlap` with `geometry: exact`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
 RUNG_OPTIONS = {

@@ -80,6 +80,19 @@ def test_forces_and_pressures_are_loads_too():
     np.testing.assert_allclose(pressed.overlap, given.overlap, rtol=1e-9)
 
 
+@pytest.mark.parametrize("start", [None, "gas", {"overlap": 0.1e-6}])
+def test_equal_balls_give_back_the_work_of_the_load(start):
+    equal = gp.DirectSimulation(
+        gp.Packing(STEEL, 8e-3), (4, 4), friction_history=True, friction_coefficient=0.2, start=start
+    ).path(overlap=[0.3e-6, 0.5e-6, 0.3e-6])
+    stored = 0.4 * equal.force * equal.overlap
+    assert np.ptp(equal.work[[0, 2]]) == 0.0
+    np.testing.assert_allclose(equal.work - equal.work[0], stored - stored[0], rtol=1e-12)
+    if not isinstance(start, dict):
+        np.testing.assert_allclose(equal.work, stored, rtol=1e-12)
+    np.testing.assert_array_equal(equal.dissipated_energy, 0.0)
+
+
 def test_the_start_may_be_a_load():
     rest = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.1 * W)
     for start in (0.6, {"overlap": 0.1 * W}, Load("force", rest.force)):

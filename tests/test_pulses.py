@@ -456,7 +456,25 @@ def test_echo_within_the_pulse_is_a_warning():
     assert course.find_echo(course.find_place(middle), after) == pytest.approx(2 * 10.5 * D * np.sqrt(0.75))
 
 
+def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
+    waves = gp.Waves(disordered)
+    quiet, loud = (
+        waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 1, damping=ratio / (0.5 * np.pi * HERTZ)) for ratio in (0.29, 0.31)
+    )
+    assert not any("damped" in one for one in quiet.warnings)
+    assert any("damped" in one for one in loud.warnings)
+    stuck = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 1, damping=1e9 / HERTZ)
+    with pytest.raises(ConvergenceError):
+        stuck.arrival()
+
+
 def test_record_without_end_is_refused():
+    with pytest.raises(InputError, match=r"is read .* times"):
+        gp.Waves(ideal("triangular", (4, 24))).transmit(1e12 * HERTZ, (0, 1), 8 * D)
+    with pytest.raises(InputError, match=r"a damping of .* products"):
+        gp.Waves(ideal("triangular", (4, 24))).transmit(
+            0.5 * HERTZ, (0, 1), 8 * D, damping=0.0, tangential_damping=1e6 / HERTZ
+        )
     with pytest.raises(InputError, match="products with the matrix"):
         gp.Waves(ideal("triangular", (4, 24))).transmit(1e-7 * HERTZ, (0, 1), 8 * D)
 

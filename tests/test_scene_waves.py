@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.phonons.paths import BandPath
 from granphon.scene.redraw import redraw
 from granphon.scene.run import expected_files
 from granphon.scene.sample_waves import read_waves
-from granphon.waves.path_spectra import find_path_spectra
+from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
     "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
@@ -61,6 +62,9 @@ def test_tables_are_those_of_the_results(done):
     rows = (folder / "spectrum.csv").read_text().splitlines()
     assert rows[0].startswith("polarisation,distance (1/m),qx (1/m),qy (1/m),peak (Hz),width (Hz)")
     assert len(rows) == 1 + 2 * len(result.waves.spectra.distances)
+    place = rows[0].split(",").index("resolved")
+    told = [row.split(",")[place] for row in rows[1:]]
+    assert told == [str(int(one)) for spectrum in result.waves.spectra.spectra for one in spectrum.resolved]
 
 
 def test_scene_with_waves_is_written_and_read_back(done):
@@ -75,6 +79,26 @@ def test_scene_with_waves_is_written_and_read_back(done):
 def test_figures_are_drawn_again(done, tmp_path, stem):
     _, _, folder = done
     assert redraw(folder, out=tmp_path / f"{stem}.svg").stat().st_size > 5000
+
+
+def test_a_name_of_a_figure_that_is_not_there_is_refused(done, tmp_path):
+    _, _, folder = done
+    for stem in ("sweep_dos", "sweep_spectra"):
+        with pytest.raises(InputError, match=f"holds no {stem} to draw"):
+            redraw(folder, out=tmp_path / f"{stem}.png")
+    for name in ("pulse.json", "scene.yaml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    with pytest.raises(InputError, match="holds no spectrum to draw"):
+        redraw(tmp_path, out=tmp_path / "spectrum.png")
+    assert redraw(tmp_path, out=tmp_path / "pulse.png").exists()
+
+
+def test_path_to_a_vector_of_the_reciprocal_lattice_leaves_out_gamma_at_both_ends():
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
+    waves = gp.Waves(gp.DirectSimulation(packing, shape=(6, 6)).at_force(50.0).sample)
+    lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
+    found = find_path_points(waves.network, lattice, packing.diameter, [[(0, 0, 0), (1, 0, 0)]], 7)
+    assert len(found.q) == 5
 
 
 def test_path_of_an_array_has_the_wave_vectors_of_its_cell():

@@ -24,7 +24,6 @@ from granphon.figures.style import (
     COLUMN_WIDTH,
     DPI,
     FRAME,
-    GUIDE,
     ORANGE,
     PURPLE,
     STYLE,
@@ -162,13 +161,15 @@ def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | Non
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
     f, a = spectrum.peak[there] / unit.hertz, spectrum.attenuation[there]
     ax.plot(f, a, "o", markersize=3.0, color=colour, label=spectrum.polarisation)
-    if f.size > 1:
+    if f.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
         exponent = spectrum.q.shape[1] + 1.0 if power is None else power
         first = int(np.argmin(f))
         line = np.array([f.min(), f.max()])
         label = f"$f^{{{exponent:g}}}$"
         known = ax.get_legend_handles_labels()[1]
-        style: dict[str, Any] = {"color": GUIDE, "linewidth": 0.9, "label": "_" if label in known else label}
+        style: dict[str, Any] = {
+            "color": colour, "linewidth": 0.9, "linestyle": ":", "label": "_" if label in known else label,
+        }  # fmt: skip
         ax.plot(line, a[first] * (line / f[first]) ** exponent, **style)
         ax.set(yscale="log")
         scale_axis(ax, "x", f)

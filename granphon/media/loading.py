@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -286,14 +286,24 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
 
 
 def _press_equal(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
-    """Yield the equilibria of equal balls, whose contacts never slip: there is no start, and no history."""
+    """Yield the equilibria of equal balls, whose contacts never slip: what the load has done since the start is stored."""
     shape = deviations.shape[packing.structure.n_balls > 1 :]
     stencils = Stencils(shape, loading.mindlin_ratio, workers, packing.structure)
     smooth = Stencils(shape, workers=workers, lattice=packing.structure)
     for load in path:
         rest = equilibrate(deviations, load, smooth)
         history = LoadingHistory(deviations, stencils, loading.friction_coefficient, start=rest)
-        yield PressedEquilibrium.of(history.begin(), deviations, stencils, 0.0).share(deviations, smooth)
+        state = history.begin()
+        state = replace(state, work=state.stored - _find_stored(loading.start))
+        yield PressedEquilibrium.of(state, deviations, stencils, 0.0).share(deviations, smooth)
+
+
+def _find_stored(start: Prescribed | str) -> float:
+    """Return the mean energy that a contact of equal balls stores at the start, in units of c W^(5/2)."""
+    if not isinstance(start, Prescribed):  # the gas: contacts begin there
+        return 0.0
+    overlap = start.force ** (2.0 / 3.0) if start.overlap is None else max(start.overlap, 0.0)
+    return float(0.4 * overlap**2.5)
 
 
 def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> None:
@@ -304,7 +314,9 @@ def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> 
             what = (
                 f"the load {_describe(load)} is below the start of the loading, f* = {force:.4g} at a* = {overlap + 0.5:.4g}"
             )
-            mend = "Raise the load, give a lower start, or unload along a path: simulation.path(...)"
+            mend = (
+                "Raise the load, give a lower start, or unload along a path: simulation.path(...), in a scene ordered: true"
+            )
             error = InputError(
                 message(what, "Samples are at rest without friction at the start, and loaded from there", mend)
             )

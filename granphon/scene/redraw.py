@@ -11,7 +11,7 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
-from granphon.scene.result_files import figure_name, wave_files
+from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
 from granphon.scene.sweep_figures import draw_sweep
 
 __all__ = ["redraw"]
@@ -21,6 +21,9 @@ _FORMATS = (".pdf", ".png", ".svg")
 _DRAWN = ("sweep.nc", "band.yaml", "dos.csv")
 #: what of the waves in samples is drawn
 _WAVES = ("spectrum", "pulse", "dos")
+#: the names of files that mean one figure: of a sweep, and of what a run holds
+_OF_SWEEPS = {Path(name).stem for name in SWEEP_FIGURES}
+_NAMED = _OF_SWEEPS | {Path(name).stem for name in wave_files(_WAVES)}
 
 
 def redraw(
@@ -64,12 +67,15 @@ def redraw(
         raise MissingFileError(message(what, "The figure would leave it out", mend))
     waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
     stem = None if out is None else Path(out).stem
+    there = {Path(name).stem for name in waves} | (_OF_SWEEPS if "sweep.nc" in have else set())
+    if stem in _NAMED - there:
+        raise InputError(message(f"{source} holds no {stem} to draw", mend="Give the figure another name"))
     # the one that the file's name says; without bands and the like, the first
     wave = next((name for name in waves if Path(name).stem == stem), None if have else next(iter(waves), None))
     if wave is not None:
         have = {wave: waves[wave]}
     if not have:
-        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv"
+        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv, and no waves of a simulation"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
         raise InputError(
             message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")

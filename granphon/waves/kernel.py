@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 MOMENTS = 256
 #: most moments: their densities alone are 32 MiB
 _MOST = 2**20
+#: fewest moments of a given resolution
+_LEAST = 16
 #: points of a density within the standard deviation of the kernel
 _POINTS = 4
 #: share of a moment that counts for rounding
@@ -54,7 +56,8 @@ class Kernel:
     def of(cls, top: float, resolution: float | None = None, moments: int | None = None) -> Kernel:
         """Return the kernel of a ``resolution``, Hz, or of a number of ``moments``; of :data:`MOMENTS` without either.
 
-        Raises :class:`~granphon.base.errors.InputError` if both are given, or if there would be too many moments.
+        Raises :class:`~granphon.base.errors.InputError` if both are given, or if there would be too many moments,
+        or too few.
         """
         if resolution is None:
             return cls(top, whole_number("moments", MOMENTS if moments is None else moments, 2, _MOST))
@@ -69,6 +72,12 @@ class Kernel:
                     mend=f"Give {least:.3g} Hz or more",
                 )
             )
+        if wanted < _LEAST:
+            most = math.pi * top / (2.0 * _LEAST)
+            raise InputError(
+                message(f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to {top:g} Hz",
+                        mend=f"Give {most:.3g} Hz or less")
+            )  # fmt: skip
         return cls(top, max(math.ceil(wanted * (1.0 - _ROUNDING)), 2))
 
     @property

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["PathPoints", "PathSpectra", "find_path_points", "find_path_spectra", "join_labels"]
 
 Array = NDArray[np.float64]
+#: wave vectors nearer to those of Gamma, in reduced coordinates, are the same but for rounding
+_SAME = 1e-6
 #: points of the bands between two corners
 _BAND_POINTS = 101
 
@@ -60,18 +62,18 @@ class PathSpectra(Result):
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of peaks: a row for each wave vector and polarisation.
 
-        The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak and width, Hz, the mean
-        free path, m, and the attenuation, 1/m.
+        The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak and width, Hz, whether
+        the width is resolved (1 or 0), the mean free path, m, and the attenuation, 1/m.
         """
         names = [f"q{axis}" for axis in "xyz"[: self.spectra[0].q.shape[1]]]
         headings: list[Heading | str] = [
             "polarisation", Heading("distance", "1/m"), *(Heading(name, "1/m") for name in names), Heading("peak", "Hz"),
-            Heading("width", "Hz"), Heading("mean_free_path", "m"), Heading("attenuation", "1/m"),
+            Heading("width", "Hz"), "resolved", Heading("mean_free_path", "m"), Heading("attenuation", "1/m"),
         ]  # fmt: skip
         columns = [
             [
                 *[[one.polarisation] * len(self.distances)], self.distances.tolist(), *one.q.T.tolist(), one.peak.tolist(),
-                one.width.tolist(), one.mean_free_path.tolist(), one.attenuation.tolist(),
+                one.width.tolist(), one.resolved.astype(int).tolist(), one.mean_free_path.tolist(), one.attenuation.tolist(),
             ]
             for one in self.spectra
         ]  # fmt: skip
@@ -145,6 +147,7 @@ def find_path_points(
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     found: dict[tuple[int, ...], tuple[float, Array]] = {}  # by the whole numbers of waves along the periods
     d, periods = network.dimension, network.cell[list(network.pbc)]
+    reciprocal = np.linalg.inv(lattice.wavevectors(np.eye(len(ends[0][0]))) / spacing)
     for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
         along = (end - start) / length
         wanted = np.zeros((count, d))
@@ -153,7 +156,8 @@ def find_path_points(
             place = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
             off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
             number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
-            if any(number) and off <= 0.5 * length / (count - 1):
+            reduced = q[: len(along)] @ reciprocal
+            if np.any(np.abs(reduced - np.rint(reduced)) > _SAME) and off <= 0.5 * length / (count - 1):
                 found.setdefault(number, (place, q))
     if not found:
         what = "the array has no wave vector on the path but Gamma"

@@ -160,7 +160,7 @@ class Propagation:
             # rounding of the transform is spread over all coefficients
             short = np.flatnonzero(left <= TOLERANCE + 1e-16 * count)
             if short.size and short[0] < count - count // 50:
-                return int(short[0])
+                return max(int(short[0]), 2)  # all is still at the end where damping is large
             count *= 2
 
     @cached_property

@@ -38,6 +38,11 @@ _LATE = 3.0
 _SURE = 0.45
 #: most products with D that a record may take
 _MOST = 2**20
+#: largest number of times at which a pulse is heard
+_MOST_READINGS = 2**24
+#: damping ratio of a wave of the pulse's frequency from which what arrives tells no velocity of sound
+_MOST_DAMPING = 0.3
+_DAMPED = "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has no velocity of sound"
 _ECHO = (
     "an echo from an end of the array may come before the pulse is at its height, and the time of flight is that of both: "
     "use a longer array, a shorter distance, a higher frequency or fewer cycles"
@@ -76,7 +81,9 @@ class Sending:
         if distance is None:
             unit = np.zeros(3)
             unit[:periods] = along / np.linalg.norm(along)
-            distance = 0.5 * Course.along(network, unit).period
+            course = Course.along(network, unit)
+            course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
+            distance = 0.5 * course.period
         return cls(
             settings.frequency, along, distance, settings.cycles, settings.polarisation, settings.source, settings.ends,
             settings.damping,
@@ -143,6 +150,11 @@ class Route:
                 duration = min(duration, (course.period - length) / fastest)
         step = 1.0 / (_READINGS * hertz)
         count = max(3, math.floor(positive("duration", duration, "s") / step) + 1)
+        if count > _MOST_READINGS:
+            raise InputError(
+                message(f"a pulse of {hertz:g} Hz is read {count:.3g} times in {duration:.3g} s",
+                        mend="Use a lower frequency, or a shorter distance or duration")
+            )  # fmt: skip
         times: Array = step * np.arange(count, dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
@@ -192,7 +204,7 @@ def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | 
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
     _require_reachable(operator, burst.frequency)
-    _require_short(operator, route.last)
+    _require_short(operator, route.last, 0.0 if across == tau else max(tau, across))
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
     e = push[list(operator.motions.translations)]
@@ -213,12 +225,15 @@ def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | 
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     far = [course.find_distance(route.start, one) for one in groups]
+    warnings = [_ECHO] if course.find_echo(route.start, groups[0]) < 0.5 * burst.duration * route.fastest else []
+    if math.pi * burst.frequency * max(tau, across) > _MOST_DAMPING:
+        warnings.append(_DAMPED)
     return Pulse(
         burst.frequency, burst.cycles, course.direction, push, tau, across, far[0], route.times, burst(route.times), sources,
         groups[0], np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames,
         np.array([_spread(operator, one) for one in moving[2:]]),
-        (_ECHO,) if course.find_echo(route.start, groups[0]) < 0.5 * burst.duration * route.fastest else (),
+        tuple(warnings),
     )  # fmt: skip
 
 
@@ -338,8 +353,16 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     return UnreachableFrequencyError(message(what, "Nothing of the pulse would travel", "Lower the frequency"))
 
 
-def _require_short(operator: WaveOperator, duration: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D."""
+def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D.
+
+    ``damping`` is the largest time, s, if contacts are damped differently in their motions.
+    """
+    if (viscous := operator.top * damping * operator.top * duration) > _MOST:
+        raise InputError(
+            message(f"a damping of {damping:.3g} s takes {viscous:.3g} products with the matrix of the network",
+                    "Different dampings are propagated in steps of the most damped motion", "Give less, or one for both")
+        )  # fmt: skip
     products = 0.5 * operator.top * duration
     if products > _MOST:
         longest, hertz = 2.0 * _MOST / operator.top, operator.top / (2.0 * math.pi)
