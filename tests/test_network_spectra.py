@@ -110,18 +110,18 @@ def test_line_is_as_wide_as_the_resolution():
         assert np.trapezoid(density, kernel.frequencies) == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("moments", [16, 31, 201, 1000, 2**20])
+@pytest.mark.parametrize("moments", [4, 31, 201, 1000, 2**20])
 def test_resolution_and_moments_belong_together(moments):
     assert Kernel.of(12345.6, resolution=Kernel(12345.6, moments).resolution).moments == moments
 
 
 def test_kernel_refuses():
     with pytest.raises(InputError, match="Each follows from the other"):
-        Kernel.of(1.0, resolution=0.01, moments=10)
+        Kernel.of(1.0, resolution=0.1, moments=10)
     with pytest.raises(InputError, match=r"takes 1.57e\+10 moments.*Give 1.5e-06 Hz or more"):
         Kernel.of(1.0, resolution=1e-10)
-    with pytest.raises(InputError, match=r"tells no frequencies apart.*Give 0\.0982 Hz or less"):
-        Kernel.of(1.0, resolution=0.1)
+    with pytest.raises(InputError, match=r"tells no frequencies apart.*Give 0\.393 Hz or less"):
+        Kernel.of(1.0, resolution=0.5)
     for bad in (0.0, -1.0, math.nan, "3 Hz"):
         with pytest.raises(InputError, match="resolution"):
             Kernel.of(1.0, resolution=bad)

@@ -32,7 +32,7 @@ MOMENTS = 256
 #: most moments: their densities alone are 32 MiB
 _MOST = 2**20
 #: fewest moments of a given resolution
-_LEAST = 16
+_LEAST = 4
 #: points of a density within the standard deviation of the kernel
 _POINTS = 4
 #: share of a moment that counts for rounding
