@@ -280,7 +280,9 @@ def test_slow_and_fast_transverse_waves_are_told_apart():
 def test_a_fit_whose_error_is_not_known_is_drawn_without_one():
     unknown = fit_width(PACKING, [4.0] * 3, [480.0] * 3)
     figure = fit_figure(unknown)
-    assert f"ema: W = {unknown.width * 1e6:.5g} µm" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert f"effective medium: W = {unknown.width * 1e6:.5g} µm" in [
+        text.get_text() for text in figure.axes[0].get_legend().get_texts()
+    ]
 
 
 def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
@@ -306,7 +308,7 @@ def test_the_figure_of_a_fit_names_width_and_error(fit):
     upper, lower = figure.axes
     data, fitted, equal = texts(upper.get_legend())
     assert (data, equal) == ("data", "equal balls")
-    assert fitted == f"ema: W = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
+    assert fitted == f"effective medium: W = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
     assert upper.get_xlim() == lower.get_xlim()
 
 
@@ -326,7 +328,7 @@ def test_exact_data_have_a_figure_too(tmp_path):
     exact = sound_velocities(EffectiveMedium(PACKING).at_force(force)).longitudinal
     figure = fit_figure(fit_width(PACKING, force, exact))
     figure.savefig(tmp_path / "fit.png")
-    assert texts(figure.axes[0].get_legend())[1] == "ema: W = 2.04 µm"  # its error is not known
+    assert texts(figure.axes[0].get_legend())[1] == "effective medium: W = 2.04 µm"  # its error is not known
 
 
 # -- force chains ---------------------------------------------------------------------------------------------------
@@ -474,7 +476,7 @@ def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directi
         named = {
             text.get_text(): line.get_color() for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
         }
-        media = ("averaged lattice", "averaged force", "simulation(samples=2, shape=1 1 1)")
+        media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
         wanted = [to_rgb(named[name]) for name in media]
         drawn = [to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")]
         assert drawn == wanted

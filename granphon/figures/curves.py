@@ -85,7 +85,7 @@ class Curve:
     def sorted(self) -> Curve:
         """Return the same curve in order of x."""
         order = np.argsort(self.x, kind="stable")
-        parts = {name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")}
+        parts: dict[str, Any] = {name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")}
         return replace(self, **parts, served=tuple(self.served[n] for n in order.tolist()) if self.served else ())
 
     @property
@@ -95,7 +95,9 @@ class Curve:
 
     def merge(self, other: Curve) -> Curve:
         """Return the points of this curve and of another as one."""
-        parts = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in ("x", "y", "error", "valid", "simulated")}
+        parts: dict[str, Any] = {
+            n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in ("x", "y", "error", "valid", "simulated")
+        }
         return replace(self, **parts, served=self.served + other.served).sorted()
 
 

@@ -75,5 +75,6 @@ def fit_figure(fit: WidthFit) -> Figure:
         plot_fit(fit, axes[0], axes[1])
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
-        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")  # velocities rise: this corner is free
+        # velocities rise with the force: this corner is free
+        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")
     return figure

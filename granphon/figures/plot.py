@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -51,9 +51,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
     Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the function does not have.
     """
-    if axes is not None or isinstance(result, Mapping) or (isinstance(result, Sequence) and not isinstance(result, str)):
-        return _plot_several(result, axes, options)
     kinds = [f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(result).__mro__]
+    # a data set is a mapping too, of variables
+    several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
+    if several or axes is not None:
+        return _plot_several(result if several else [result], axes, options)
     if "granphon.SweepResult" in kinds:
         return plot(result.dataset, **options)
     known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
@@ -76,19 +78,18 @@ def _show(figure: Figure) -> Figure:
 
 
 def _plot_several(results: Any, axes: Axes | None, options: dict[str, Any]) -> Figure:
-    """Draw several results, or one, on one Axes: of a new figure, or that given."""
+    """Draw results on one Axes: of a new figure, or that given."""
     from granphon.figures.comparison import comparison_figure, plot_together
 
-    several = results if isinstance(results, Mapping | Sequence) and "Dataset" not in type(results).__name__ else [results]
     _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
     if axes is None:
-        return _show(comparison_figure(several, **options))
-    plot_together(several, axes, **options)
+        return _show(comparison_figure(results, **options))
+    plot_together(results, axes, **options)
     figure: Any = axes.get_figure()
     return figure  # type: ignore[no-any-return]
 
 
-def _require_options(draw: Callable[..., Figure], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
+def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
     """Raise InputError for an option that the function does not have."""
     from inspect import signature
 

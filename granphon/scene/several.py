@@ -171,10 +171,13 @@ def _name_kind(path: Path) -> str:
         return path.name
     known = {".nc": "sweep.nc", ".csv": "dos.csv"}
     if path.suffix == ".yaml":
-        return "fit.yaml" if b"class: WidthFit" in read_bytes(path) else "band.yaml"
+        raw = read_bytes(path)
+        known |= (
+            {".yaml": "fit.yaml"} if b"class: WidthFit" in raw else {".yaml": "band.yaml"} if b"\nphonon:" in raw else {}
+        )
     if path.suffix not in known:
         mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, summary.yaml, band.yaml or dos.csv of one"
-        raise InputError(message(f"{path} is no file of results that is drawn", mend=mend))
+        raise InputError(message(f"{path} is no folder, and no file of results that is drawn", mend=mend))
     return known[path.suffix]
 
 
