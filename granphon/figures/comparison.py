@@ -81,7 +81,8 @@ def plot_together(
 
     Parameters
     ----------
-    results : sweeps, fits, bands, densities of states, results of scenes; as a mapping, with the names of the legend.
+    results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping stand in the legend for
+        all that the curves of a result share.
     x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it is that of all, else the
         force.
     y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by default the longitudinal
@@ -306,7 +307,10 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
     for curve in curves:
         alike = [one.facts for one in curves if one.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
-        shared = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1] if len(alike) > 1 else []
+        same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
+        if "name" in same:  # it stands for all that is the same in the run
+            kinds, same = [kind for kind in kinds if kind == "name" or kind not in same], ["name"]
+        shared = same if len(alike) > 1 else []
         heading = join_facts([curve.facts[kind] for kind in shared], _LETTERS)
         label = join_facts([curve.facts[kind] for kind in kinds if kind not in shared] or [curve.run], _LETTERS)
         labels.append((f"{heading}:" if heading and curve.run not in told else "", label))
@@ -356,7 +360,7 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], str]:
     """Return the label of each run of bands or densities, and what all share."""
     facts = []
     for run in runs:
-        told = {"run": run.name} if run.named else {}
+        told = {"name": run.name} if run.named else {}
         if run.state is not None:
             load = run.state.load
             value = write_value(float(run.state.numbers[load]), run.state.units.get(load, ""))
@@ -367,7 +371,9 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], str]:
     ]
     differing, common = find_differing(facts)
     labels = [
-        join_facts([one[kind] for kind in differing if kind in one] or [run.name], _LETTERS)
+        join_facts(
+            [one["name"]] if "name" in one else [one[kind] for kind in differing if kind in one] or [run.name], _LETTERS
+        )
         for run, one in zip(runs, facts, strict=True)
     ]
     return labels, join_facts(common, _TITLE_LETTERS) if len(runs) > 1 else ""

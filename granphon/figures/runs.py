@@ -58,7 +58,7 @@ class SingleState:
 class Run:
     """One run: a sweep, a fit, or a state with bands, a density of states or both. What it does not hold is None.
 
-    ``name`` is that in messages; where ``named``, legends give it too.
+    ``name`` is that in messages; where ``named``, it also stands in legends, for all that the curves of the run share.
     """
 
     name: str
@@ -157,7 +157,7 @@ class Run:
             yield replace(curve, valid=valid)
 
     def _add_name(self, facts: dict[str, str]) -> dict[str, str]:
-        return {"run": self.name} | facts if self.named else facts
+        return {"name": self.name} | facts if self.named else facts
 
     def _convert(self, force: Array, x: str) -> Array:
         """Return another load of the fitted packing under contact forces, N."""

@@ -54,7 +54,7 @@ MARGIN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Sending:
-    """A pulse to be sent: its fields are the arguments of :meth:`~granphon.waves.waves.Waves.transmit`, which explains them."""
+    """A pulse to be sent: its fields are the arguments of :meth:`~granphon.waves.waves.Waves.transmit`, see there."""
 
     frequency: float
     direction: ArrayLike
