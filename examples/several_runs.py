@@ -3,8 +3,9 @@ r"""Several runs in one figure
 
 Steel and glass balls, by the effective medium and by a simulation, and a fit to pulses that crossed steel balls.
 
-The legend says what differs between the curves, and the title what all share. Data are black. Points of a simulation have
-bars, the standard errors over its samples; a line is thin and dashed where the load is outside the range of its medium.
+The legend says what differs between the curves, and the title what all share. Data are black: they are computed, not
+measured, as in the example of the fit. Points of a simulation have bars, the standard errors over its samples; a line is
+thin and dashed where the load is outside the range of its medium.
 From folders of runs the command makes the same figure: ``granphon plot steel glass fit -o figure.png``.
 """
 

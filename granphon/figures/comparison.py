@@ -332,7 +332,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
             handles.append(Line2D([], [], linestyle="none", label=heading))
         handles.append(make_handle(curve, look, label))
     for n, curve in enumerate(points):
-        told = ["measured", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
+        told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
         style: dict[str, Any] = {
             "fmt": _DATA_MARKS[n % len(_DATA_MARKS)],
             "color": "black",

@@ -142,6 +142,10 @@ class Run:
     def find_curves(self, x: str, y: str) -> Iterable[Curve]:
         """Yield the curves of a quantity ``y`` over the load ``x``, both of which the run holds."""
         if self.dataset is not None:
+            for name in (x, y):
+                if not np.any(np.isfinite(self.dataset[name])):
+                    why = "It is infinite for equal balls" if name == "reduced_force" else ""
+                    raise InputError(message(f"{name} of {self.name} is nowhere finite", why, "Draw it over another load"))
             for facts, index in describe_lines(self.dataset, y):
                 yield read_curve(self.dataset, y, x, index, self.name, self._add_name(facts))
         elif self.fit is not None:
