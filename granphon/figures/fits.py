@@ -15,12 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from granphon.figures.style import COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, readable_unit
-from granphon.figures.words import describe_medium
+from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import WidthFit
 from granphon.observables.catalogue import axis_label
 
 __all__ = ["fit_figure", "plot_fit", "write_width"]
 
+#: letters of a line of the legend
+_LETTERS = 28
 #: how measured points are drawn
 _DATA_STYLE: dict[str, Any] = {
     "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
@@ -63,8 +65,9 @@ def write_width(fit: WidthFit) -> str:
 
 def _describe(fit: WidthFit) -> str:
     structure = fit.packing.structure
-    medium = describe_medium(fit.medium, structure.periods, structure.n_balls)
-    return f"{medium}: W = {write_width(fit)}" if "width" in fit.parameters else medium
+    # in short lines, so that the legend has room below the curve
+    medium = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], _LETTERS)
+    return f"{medium}:\nW = {write_width(fit)}" if "width" in fit.parameters else medium
 
 
 def fit_figure(fit: WidthFit) -> Figure:
