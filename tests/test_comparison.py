@@ -13,7 +13,7 @@ import granphon as gp
 from granphon.base.errors import InputError, MissingFileError
 from granphon.cli.commands import main
 from granphon.figures.comparison import comparison_figure, plot_together
-from granphon.figures.curves import MOST_LOOKS, make_looks
+from granphon.figures.curves import MOST_LOOKS, Curve, draw_curve, make_looks
 from granphon.figures.sweeps import plot_sweep
 from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import fit_width
@@ -122,6 +122,15 @@ def test_beyond_the_colours_dashes_tell_lines_apart(ax):
     many = gp.sweep(balls(), force=[3.0, 4.0], width=np.linspace(1e-6, 2e-6, MOST_LOOKS + 1).tolist())
     with pytest.raises(InputError, match="25 curves are too many to be told apart"):
         plot_together([many], ax)
+
+
+def test_dashes_are_not_filled_by_the_line_outside_the_range(ax):
+    curve = Curve("", {}, np.arange(1.0, 7.0), np.arange(1.0, 7.0), np.full(6, np.nan), np.arange(6) > 2, np.zeros(6, bool))
+    draw_curve(ax, curve, make_looks(7)[-1], "y")
+    assert_array_equal(np.isfinite(drawn(ax, "y-outside")[0][:, 1]), [True, True, True, True, False, False])
+    assert_array_equal(np.isfinite(drawn(ax, "y-valid")[0][:, 1]), curve.valid)
+    (carrier,) = (line for line in ax.lines if line.get_gid() == "y-all")
+    assert carrier.get_linestyle() == "None"
 
 
 def test_states_that_differ_in_their_load_are_one_set_of_points(tmp_path, glass, ax):

@@ -28,6 +28,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 
 from granphon.base.errors import InputError, message
@@ -46,6 +47,8 @@ __all__ = ["comparison_figure", "plot_together"]
 _FIRST = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
 #: letters of a line of a legend, and of a title, in a column; letters of labels that stand two in a row
 _LETTERS, _TITLE_LETTERS, _SHORT = 50, 60, 24
+#: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters
+_LETTER, _LONG_HANDLE = 0.55, 2.8
 #: height of a line of a legend or a title, in inches
 _LINE_HEIGHT = 0.145
 #: periods of a lattice by the unit of its pressure
@@ -58,10 +61,10 @@ _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 
 @dataclass(frozen=True)
 class _Drawn:
-    """What the caption of a drawn Axes needs: entries of the legend, and what all curves share."""
+    """What the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words."""
 
     handles: list[Line2D]
-    title: str
+    common: list[str]
 
 
 def plot_together(
@@ -102,9 +105,17 @@ def plot_together(
     """
     drawn = _draw(_name_runs(results), ax, x, y, _read_list(data), balls_per_side)
     if legend:
-        ax.legend(handles=drawn.handles)
-        ax.set_title(drawn.title)
+        ax.legend(handles=drawn.handles, handlelength=_find_length(drawn.handles))
+        size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
+        figure: Any = ax.get_figure()
+        points = 72.0 * figure.get_figwidth() * ax.get_position().width
+        ax.set_title(join_facts(drawn.common, max(20, int(points / (_LETTER * size)))), fontsize=size)
     return ax
+
+
+def _find_length(handles: Sequence[Line2D]) -> float | None:
+    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart, None for the usual."""
+    return _LONG_HANDLE if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
 
 
 def comparison_figure(results: Sequence[Any] | Mapping[str, Any], **options: Any) -> Figure:
@@ -119,12 +130,14 @@ def comparison_figure(results: Sequence[Any] | Mapping[str, Any], **options: Any
         labels = [str(handle.get_label()) for handle in drawn.handles]
         columns = 1 if max(map(len, labels), default=0) > _SHORT else min(2, len(labels))
         rows = sum(1 + label.count("\n") for label in labels) if columns == 1 else -(-len(labels) // 2)
-        lines = rows + (1 + drawn.title.count("\n") if drawn.title else 0)
+        title = join_facts(drawn.common, _TITLE_LETTERS)
+        lines = rows + (1 + title.count("\n") if title else 0)
         figure.set_size_inches(COLUMN_WIDTH, 2.5 + _LINE_HEIGHT * lines)
         if labels:
-            figure.legend(handles=drawn.handles, loc="outside lower center", ncols=max(columns, 1))
-        if drawn.title:
-            figure.suptitle(drawn.title, fontsize=STYLE["axes.titlesize"])
+            length = _find_length(drawn.handles)
+            figure.legend(handles=drawn.handles, loc="outside lower center", ncols=max(columns, 1), handlelength=length)
+        if title:
+            figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
     return figure
 
 
@@ -350,13 +363,13 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     for which, values in (("x", [curve.x for curve in every]), ("y", [curve.y for curve in every])):
         scale_axis(ax, which, np.concatenate(values))
     ax.set(xlabel=axis_label(x, models[0].units[0]), ylabel=axis_label(y, models[0].units[1]))
-    return _Drawn(handles, join_facts(common, _TITLE_LETTERS))
+    return _Drawn(handles, common)
 
 
 # -- bands, and densities of states ---------------------------------------------------------------------------------
 
 
-def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], str]:
+def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
     """Return the label of each run of bands or densities, and what all share."""
     facts = []
     for run in runs:
@@ -376,7 +389,7 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], str]:
         )
         for run, one in zip(runs, facts, strict=True)
     ]
-    return labels, join_facts(common, _TITLE_LETTERS) if len(runs) > 1 else ""
+    return labels, common if len(runs) > 1 else []
 
 
 def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
@@ -391,7 +404,7 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
             why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
             raise InputError(message(what, why, "Compute them along one path"))
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
-    labels, title = _describe_spectra(runs)
+    labels, common = _describe_spectra(runs)
     handles = []
     for n, (bands, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
         style: dict[str, Any] = {"color": look.colour, "linewidth": look.width} | (
@@ -406,14 +419,14 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
     ax.set_xticks(corners, [print_label(label) for label in first.labels])
     ax.tick_params(axis="x", length=0)
     ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})", xlim=corners[[0, -1]], ylim=(0.0, None))
-    return _Drawn(handles, title)
+    return _Drawn(handles, common)
 
 
 def _draw_dos(runs: Sequence[Run], ax: Axes) -> _Drawn:
     """Draw densities of states one over the other, a colour for each run."""
     every = [run.dos for run in runs if run.dos is not None]
     unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in every))
-    labels, title = _describe_spectra(runs)
+    labels, common = _describe_spectra(runs)
     handles = []
     for n, (dos, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
         style: dict[str, Any] = {"color": look.colour, "linewidth": look.width} | (
@@ -423,4 +436,4 @@ def _draw_dos(runs: Sequence[Run], ax: Axes) -> _Drawn:
         handles.append(Line2D([], [], label=label, **style))
     name = print_hertz(unit)
     ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
-    return _Drawn(handles, title)
+    return _Drawn(handles, common)

@@ -22,7 +22,7 @@ __all__ = ["MOST_LOOKS", "Curve", "Look", "draw_curve", "make_handle", "make_loo
 
 Array = NDArray[np.float64]
 #: dashes of lines that have the same colour, the first solid; none is that of a line outside its range
-_DASHES = (None, (7.0, 1.5, 1.0, 1.5), (1.2, 1.2), (7.0, 1.5, 1.0, 1.2, 1.0, 1.5))
+_DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
 #: marks of points that have the same colour
 _MARKERS = ("o", "s", "^", "D")
 #: the most lines that colours and dashes tell apart
@@ -131,11 +131,22 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
         style["marker"] = ""
         # thinner below marks, so that these are seen
         thin, solid = style | _OUTSIDE, style | {"linewidth": 0.8 if curve.served else look.width}
-        solid |= {"dashes": look.dashes} if look.dashes else {}
+        if look.dashes:  # through whose gaps a thin line below would be seen
+            solid |= {"dashes": look.dashes}
+            ax.plot(curve.x, np.where(_find_outside(curve.valid), curve.y, np.nan), gid=f"{gid}-outside", **thin)
+            thin = {"linestyle": "none"}
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **thin)
     ax.plot(curve.x, np.where(curve.valid, curve.y, np.nan), gid=f"{gid}-valid", **solid)
     if curve.served:
         _mark_media(ax, curve, look, gid)
+
+
+def _find_outside(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where a medium is not valid, and the ends of these stretches, from which their lines go."""
+    outside = ~valid
+    outside[1:] |= ~valid[:-1]
+    outside[:-1] |= ~valid[1:]
+    return outside
 
 
 def _mark_media(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
