@@ -209,7 +209,12 @@ def _choose_quantity(runs: Sequence[Run], y: str | None) -> str:
         each = ", ".join(f"{run.name} {run.what}" for run in runs)
         other = next((name for name in common if name not in LOADS_OF_AXES and not name.endswith("_error")), None)
         mend = f"Name a quantity that all hold, as --y {other} (y={other!r})" if other else "Draw each by itself"
-        raise InputError(message(f"{_list(runs)} cannot share an axis: no velocity is in all", f"Found {each}", mend))
+        what = (
+            f"{_list(runs)} cannot share an axis: no velocity is in all"
+            if len(runs) > 1
+            else f"{runs[0].name} has no velocity"
+        )
+        raise InputError(message(what, f"Found {each}", mend))
     name = y.strip().lower().replace(" ", "_")
     if without := [run for run in runs if name not in run.quantities]:
         if name not in CATALOGUE and (meant := closest(name, common)):

@@ -125,7 +125,9 @@ class Run:
         if self.fit is not None:
             return (self.fit.waves.branch,)
         numbers = {} if self.state is None else self.state.numbers
-        return tuple(name for name, value in numbers.items() if isinstance(value, float | int) and value is not True)
+        return tuple(
+            name for name, value in numbers.items() if isinstance(value, float | int) and not isinstance(value, bool)
+        )
 
     def find_loads(self, x: str) -> Array:
         """Return the loads ``x`` of all states of the run for a contact force of one newton, where they are in proportion.
