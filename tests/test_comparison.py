@@ -246,6 +246,7 @@ def test_plot_takes_several_results_and_an_axes(steel, glass, ax):
     assert type(own) is Figure
     assert gp.plot(glass, axes=ax) is own
     assert len(drawn(ax, "longitudinal-all")) == 4
+    assert gp.plot([steel, glass], legend=False).legends == []
     with pytest.raises(InputError, match="plot_together has no option variable"):
         gp.plot([steel, glass], variable="bulk")
 

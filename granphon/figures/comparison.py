@@ -6,9 +6,8 @@ What all curves share stands in the title, and the legend says in words what eac
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 # before matplotlib, whose import this module guards
@@ -33,28 +32,22 @@ from matplotlib.lines import Line2D
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.base.text import closest
-from granphon.figures.runs import LOADS_OF_AXES, Run
+from granphon.figures.runs import Run
+from granphon.figures.shared_axis import choose_axes, read_points, require_one_axis
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
 from granphon.figures.words import find_differing, join_facts, write_value
 from granphon.figures.zones import print_label
 from granphon.fits.measurements import Measurements
-from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.observables.catalogue import axis_label
 
 __all__ = ["comparison_figure", "plot_together"]
 
-#: what is drawn if nothing is said: the first of these that all runs hold
-_FIRST = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
 #: letters of a line of a legend, and of a title, in a column; letters of labels that stand two in a row
 _LETTERS, _TITLE_LETTERS, _SHORT = 50, 60, 24
 #: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters
 _LETTER, _LONG_HANDLE = 0.55, 2.8
-#: height of a line of a legend or a title, in inches
-_LINE_HEIGHT = 0.145
-#: periods of a lattice by the unit of its pressure
-_PERIODS = {"N": 1, "N/m": 2, "Pa": 3}
-#: relative difference of loads in proportion that is rounding
-_SAME = 1e-9
+#: height of a figure without legend and title, and that of a line of these, in inches
+_HEIGHT, _LINE_HEIGHT = 2.5, 0.145
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 
@@ -103,7 +96,7 @@ def plot_together(
     InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the units differ, or some are
         bands and others are not; the error names them. Data that are no velocities, or whose loads cannot be converted.
     """
-    drawn = _draw(_name_runs(results), ax, x, y, _read_list(data), balls_per_side)
+    drawn = _draw(results, ax, x, y, data, balls_per_side)
     if legend:
         ax.legend(handles=drawn.handles, handlelength=_find_length(drawn.handles))
         size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
@@ -118,179 +111,48 @@ def _find_length(handles: Sequence[Line2D]) -> float | None:
     return _LONG_HANDLE if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
 
 
-def comparison_figure(results: Sequence[Any] | Mapping[str, Any], **options: Any) -> Figure:
-    """Draw :func:`plot_together` as a figure, one column wide, with the legend below it; ``options`` are those of it."""
-    options = {"x": None, "y": None, "data": (), "balls_per_side": None} | options
+def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any) -> Figure:
+    """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 2.6), dpi=DPI, layout="constrained")
-        drawn = _draw(
-            _name_runs(results), figure.subplots(), options["x"], options["y"], _read_list(options["data"]),
-            options["balls_per_side"],
-        )  # fmt: skip
+        figure = Figure((COLUMN_WIDTH, _HEIGHT), dpi=DPI, layout="constrained")
+        drawn = _draw(results, figure.subplots(), **options)
+        if not legend:
+            return figure
         labels = [str(handle.get_label()) for handle in drawn.handles]
-        columns = 1 if max(map(len, labels), default=0) > _SHORT else min(2, len(labels))
+        columns = 1 if max(map(len, labels)) > _SHORT else min(2, len(labels))
         rows = sum(1 + label.count("\n") for label in labels) if columns == 1 else -(-len(labels) // 2)
         title = join_facts(drawn.common, _TITLE_LETTERS)
         lines = rows + (1 + title.count("\n") if title else 0)
-        figure.set_size_inches(COLUMN_WIDTH, 2.5 + _LINE_HEIGHT * lines)
-        if labels:
-            length = _find_length(drawn.handles)
-            figure.legend(handles=drawn.handles, loc="outside lower center", ncols=max(columns, 1), handlelength=length)
+        figure.set_size_inches(COLUMN_WIDTH, _HEIGHT + _LINE_HEIGHT * lines)
+        length = _find_length(drawn.handles)
+        figure.legend(handles=drawn.handles, loc="outside lower center", ncols=columns, handlelength=length)
         if title:
             figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
     return figure
 
 
-def _name_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
-    """Return the results as runs; those of a sequence are counted."""
+def _draw(
+    results: Sequence[Any] | Mapping[str, Any], ax: Axes, x: str | None = None, y: str | None = None, data: Any = (),
+    balls_per_side: int | None = None,
+) -> _Drawn:  # fmt: skip
+    """Draw what :func:`plot_together` draws, without legend and title."""
     if isinstance(results, Mapping):
-        return [Run.of(str(name), one, named=True) for name, one in results.items()]
-    return [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
-
-
-def _read_list(given: Any) -> list[Any]:
-    return [given] if isinstance(given, str | os.PathLike | Measurements) else list(given)
-
-
-def _draw(runs: list[Run], ax: Axes, x: str | None, y: str | None, data: list[Any], balls: int | None) -> _Drawn:
+        runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
+    else:
+        runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
+    given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
     if not runs:
         raise InputError(message("there is nothing to draw", mend="Give results"))
-    asked = x is not None or y is not None or bool(data)
+    asked = x is not None or y is not None or bool(given)
     if not asked and all(run.bands is not None for run in runs):
         return _draw_bands(runs, ax)
     if not asked and all(run.dos is not None for run in runs):
         return _draw_dos(runs, ax)
-    if spectra := [run for run in runs if not run.quantities]:
-        others = [run for run in runs if run.quantities]
-        what = f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and no velocities"
-        why = (
-            f"{others[0].name} is {others[0].what}: they cannot share an axis" if others else "There is nothing over a load"
-        )
-        raise InputError(message(what, why, "Draw them in figures of their own"))
-    across = _choose_load(runs, x)
-    along = _choose_quantity(runs, y)
+    across, along = choose_axes(runs, x, y)
     curves = [curve for run in runs for curve in run.find_curves(across, along)]
-    measured = [_read_points(one, runs, across, along, balls) for one in data]
-    _require_one_axis(curves, across, along)
+    measured = [read_points(one, runs, across, along, balls_per_side) for one in given]
+    require_one_axis(curves, across, along)
     return _draw_curves(ax, curves, measured, across, along)
-
-
-def _list(runs: Sequence[Run]) -> str:
-    """Return the names of runs in words."""
-    return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
-
-
-def _choose_load(runs: Sequence[Run], x: str | None) -> str:
-    """Return the name of the load on the axis; :class:`InputError` if there is no such load, or a run does not have it."""
-    if x is None:
-        loads = {run.load for run in runs}
-        return loads.pop() if len(loads) == 1 else "force"
-    name = x.strip().lower().replace(" ", "_")
-    if name not in LOADS_OF_AXES:
-        meant = closest(name, LOADS_OF_AXES)
-        raise InputError(
-            message(f"{x!r} is no load", mend=f"Did you mean {meant}" if meant else "Use " + ", ".join(LOADS_OF_AXES))
-        )
-    if without := [run for run in runs if run.fit is None and name not in run.quantities]:
-        held = [one for one in LOADS_OF_AXES if all(run.fit is not None or one in run.quantities for run in runs)]
-        what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {name}"
-        raise InputError(
-            message(what, "The runs cannot share that axis", "Use " + (", ".join(held) or "figures of their own"))
-        )
-    return name
-
-
-def _choose_quantity(runs: Sequence[Run], y: str | None) -> str:
-    """Return the name of the quantity that is drawn; :class:`InputError` if there is none such, or a run lacks it."""
-    common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
-    if y is None:
-        if (first := next((name for name in _FIRST if name in common), None)) is not None:
-            return first
-        each = ", ".join(f"{run.name} {run.what}" for run in runs)
-        other = next((name for name in common if name not in LOADS_OF_AXES and not name.endswith("_error")), None)
-        mend = f"Name a quantity that all hold, as --y {other} (y={other!r})" if other else "Draw each by itself"
-        what = (
-            f"{_list(runs)} cannot share an axis: no velocity is in all"
-            if len(runs) > 1
-            else f"{runs[0].name} has no velocity"
-        )
-        raise InputError(message(what, f"Found {each}", mend))
-    name = y.strip().lower().replace(" ", "_")
-    if without := [run for run in runs if name not in run.quantities]:
-        if name not in CATALOGUE and (meant := closest(name, common)):
-            raise InputError(message(f"there is no variable {y!r}", mend=f"Did you mean {meant}"))
-        what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
-        why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
-        raise InputError(message(what, why, "Draw another quantity, or leave these runs out"))
-    return name
-
-
-def _require_one_axis(curves: Sequence[Curve], x: str, y: str) -> None:
-    """Raise :class:`InputError` if the units of the curves differ, or a load is infinite."""
-    for which, name in enumerate((x, y)):
-        runs: dict[str, str] = {}
-        for curve in curves:
-            runs.setdefault(curve.units[which], curve.run)
-        if len(runs) > 1:
-            told = "; ".join(f"{run} has it {f'in {unit}' if unit else 'without a unit'}" for unit, run in runs.items())
-            what = f"{' and '.join(runs.values())} cannot share an axis of {name}"
-            mend = "Take --x force (x='force')" if name == x else "Draw another quantity"
-            raise InputError(message(what, told, mend))
-    for curve in curves:
-        if not np.all(np.isfinite(curve.x)):
-            why = "It is infinite for equal balls" if x == "reduced_force" else ""
-            raise InputError(message(f"{x} of {curve.run} is not finite", why, "Take --x force (x='force')"))
-        if not np.any(np.isfinite(curve.y)):
-            raise InputError(message(f"{y} of {curve.run} has no finite value", mend="Draw another quantity"))
-
-
-# -- measured points ------------------------------------------------------------------------------------------------
-
-
-def _find_ratio(runs: Sequence[Run], x: str) -> float:
-    """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for all runs."""
-    if x == "force":
-        return 1.0
-    ratios = np.concatenate([run.find_loads(x) for run in runs]) if x in ("pressure", "reduced_force") else np.zeros(0)
-    if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > _SAME * np.max(np.abs(ratios)):
-        why = "It is not the same multiple of the contact force in all of them"
-        if x == "overlap":
-            why = "The overlap of balls was not measured"
-        raise InputError(message(f"the {x} of measured points is not known from these runs", why, "Draw over the force"))
-    return float(np.median(ratios))
-
-
-def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
-    """Return measured velocities, read from a file if need be, as a curve."""
-    entry = CATALOGUE.get(y)
-    if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
-        raise InputError(message(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"))
-    name = "measured"
-    if not isinstance(given, Measurements):
-        from granphon.balls.loads import force_of_frame
-
-        name = Path(given).stem
-        units = (
-            {curve.units[0] for run in runs for curve in run.find_curves("pressure", y)}
-            if _all_have_pressure(runs)
-            else set()
-        )
-        periods = _PERIODS.get(next(iter(units), "N/m"), 2)
-        frame: Callable[[float], float] | None = None
-        if balls is not None:
-            frame = lambda force: force_of_frame(force, balls)  # noqa: E731
-        given = Measurements.read(given, frame=frame, pressed=lambda p: p / _find_ratio(runs, "pressure"), periods=periods)
-    ratio = _find_ratio(runs, x)
-    sigma = np.nan if given.sigma is None else given.sigma
-    facts = {"run": name}
-    if given.frequency is not None:
-        frequency = np.unique(given.frequency)
-        facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}" if frequency.size == 1 else "pulses"
-    return replace(Curve.of_points(name, facts, ratio * given.force, given.velocity, sigma), measured=True)
-
-
-def _all_have_pressure(runs: Sequence[Run]) -> bool:
-    return all(run.fit is not None or "pressure" in run.quantities for run in runs)
 
 
 # -- curves ---------------------------------------------------------------------------------------------------------
@@ -351,16 +213,11 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         handles.append(make_handle(curve, look, label))
     for n, curve in enumerate(points):
         told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
-        style: dict[str, Any] = {
-            "fmt": _DATA_MARKS[n % len(_DATA_MARKS)],
-            "color": "black",
-            "markersize": 2.6,
-            "zorder": 3.0,
-        }
+        style: dict[str, Any] = {"marker": _DATA_MARKS[n % len(_DATA_MARKS)], "markersize": 2.6, "linestyle": "none"}
+        style |= {"color": "black"}
         error = None if np.all(np.isnan(curve.error)) else curve.error
-        ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", **style)
-        plain: dict[str, Any] = {"marker": style["fmt"], "markersize": 2.6, "linestyle": "none"}
-        handles.append(Line2D([], [], color="black", label=join_facts(told, _LETTERS), **plain))
+        ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style)
+        handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
     if not all(np.all(curve.valid) for curve in models):
         handles.append(make_outside(all(curve.as_points for curve in models)))
     handles += make_serving(models)

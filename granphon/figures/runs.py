@@ -129,6 +129,15 @@ class Run:
             name for name, value in numbers.items() if isinstance(value, float | int) and not isinstance(value, bool)
         )
 
+    @property
+    def pressure_unit(self) -> str:
+        """The SI unit of the pressure, which depends on the number of periods of the lattice; empty if it has none."""
+        if self.dataset is not None:
+            return str(self.dataset["pressure"].attrs.get("units", "")) if "pressure" in self.dataset else ""
+        if self.fit is not None:
+            return self.fit.packing.structure.units_of({"pressure"})["pressure"]
+        return "" if self.state is None else self.state.units.get("pressure", "")
+
     def find_loads(self, x: str) -> Array:
         """Return the loads ``x`` of all states of the run for a contact force of one newton, where they are in proportion.
 
@@ -185,8 +194,7 @@ class Run:
         if fit.waves.frequency is not None:
             several = np.ndim(fit.waves.frequency) > 0
             facts["waves"] = "pulses" if several else f"pulses of {write_value(float(fit.waves.frequency), 'Hz')}"
-        units = ("N" if x == "force" else structure.units_of({"pressure"})["pressure"] if x == "pressure" else "1", "m/s")
-        units = ("m", units[1]) if x == "overlap" else units
+        units = {"force": "N", "pressure": self.pressure_unit, "overlap": "m", "reduced_force": "1"}[x], "m/s"
         points = Curve.of_points(self.name, {}, self._convert(fit.force, x), fit.velocity, fit.sigma, units=units)
         yield replace(points, measured=True)
         several = np.ndim(fit.waves.frequency) > 0
