@@ -126,7 +126,7 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     """Return for each line of a variable what it is, in words by kind, and its index in each dimension besides the load."""
     packing = read_packing(dataset)
     base = {} if packing is None else list_facts(packing, bool(dataset.attrs.get("finite_overlap", 0)))
-    found, names = [], list_parameters(drop_directions(dataset, variable))
+    found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
     if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"
     for place in np.ndindex(*(dataset.sizes[name] for name in names)):
@@ -137,7 +137,7 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
             value = value.item() if hasattr(value, "item") else value
             told = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
             facts[told[0]] = told[1]
-        for m, medium in enumerate(_write_media(dataset)):
+        for m, medium in enumerate(media):
             found.append((facts | {"medium": medium}, at | {"medium": m}))
     return found
 
