@@ -280,7 +280,9 @@ def test_slow_and_fast_transverse_waves_are_told_apart():
 def test_a_fit_whose_error_is_not_known_is_drawn_without_one():
     unknown = fit_width(PACKING, [4.0] * 3, [480.0] * 3)
     figure = fit_figure(unknown)
-    assert f"ema: W = {unknown.width * 1e6:.5g} µm" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert f"effective\u00a0medium:\nW = {unknown.width * 1e6:.5g} µm" in [
+        text.get_text() for text in figure.axes[0].get_legend().get_texts()
+    ]
 
 
 def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
@@ -306,7 +308,7 @@ def test_the_figure_of_a_fit_names_width_and_error(fit):
     upper, lower = figure.axes
     data, fitted, equal = texts(upper.get_legend())
     assert (data, equal) == ("data", "equal balls")
-    assert fitted == f"ema: W = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
+    assert fitted == f"effective\u00a0medium:\nW = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
     assert upper.get_xlim() == lower.get_xlim()
 
 
@@ -326,7 +328,7 @@ def test_exact_data_have_a_figure_too(tmp_path):
     exact = sound_velocities(EffectiveMedium(PACKING).at_force(force)).longitudinal
     figure = fit_figure(fit_width(PACKING, force, exact))
     figure.savefig(tmp_path / "fit.png")
-    assert texts(figure.axes[0].get_legend())[1] == "ema: W = 2.04 µm"  # its error is not known
+    assert texts(figure.axes[0].get_legend())[1] == "effective\u00a0medium:\nW = 2.04 µm"  # its error is not known
 
 
 # -- force chains ---------------------------------------------------------------------------------------------------
@@ -395,6 +397,78 @@ def test_the_map_says_what_it_shows(simulated):
     assert len([c for c in ax.collections if c.get_gid() == "balls"]) == 1
     many = plot_forces(gp.DirectSimulation(PACKING, (40, 40)).at_force(20.0).sample)
     assert [c.get_gid() for c in many.collections] == ["forces"]
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return gp.DirectSimulation(PACKING, (64, 12), seed=2).at_overlap(2.04e-6 * (0.45 - 0.5))
+
+
+def test_of_a_large_array_the_density_of_the_force_is_drawn(wide, ax):
+    sample = wide.sample
+    plot_forces(sample, ax)
+    (mesh,) = ax.collections
+    assert mesh.get_gid() == "density"
+    corners = np.asarray(mesh.get_coordinates())
+    x, y = corners[0, :, 0], corners[:, 0, 1]
+    assert (len(x) - 1, len(y) - 1) == (16, 3)
+    # each contact counts half at each of its balls, those that carry nothing too
+    forces, table = sample.contact_forces / sample.force, TRIANGULAR.contacts
+    sums = np.zeros((64, 12))
+    for contact, (p, q) in enumerate(table.shift[:, :2]):
+        for row, column in np.ndindex(64, 12):
+            sums[row, column] += forces[row, column, contact]
+            sums[(row + p) % 64, (column + q) % 12] += forces[row, column, contact]
+    places = np.reshape(sample.sites, (64, 12, 2))
+    where = (
+        np.searchsorted(x, np.mod(places[..., 0] + 1e-9, 64.0), "right") - 1,
+        np.searchsorted(y, places[..., 1], "right") - 1,
+    )
+    expected, count = np.zeros((16, 3)), np.zeros((16, 3))
+    np.add.at(expected, where, sums)
+    np.add.at(count, where, 6.0)
+    assert_allclose(np.asarray(mesh.get_array()).T, expected / count, rtol=1e-9)
+    assert "means over 4 x 3.5 $d$" in ax.get_figure().axes[1].get_xlabel().replace("3.5 x 4", "4 x 3.5")
+
+
+def test_a_window_shows_the_contacts_inside_it(wide, ax):
+    every = chains(plot_forces(wide.sample, Figure().subplots(), show="all"))
+    plot_forces(wide.sample, ax, window=(20.0, 2.0, 30.0, 8.0))
+    assert (ax.get_xlim(), ax.get_ylim()) == ((20.0, 30.0), (2.0, 8.0))
+    inside = np.all((every[0] > [20.0, 2.0]) & (every[0] < [30.0, 8.0]), axis=2)
+    lines = {tuple(np.round(one.ravel(), 9)) for one in chains(ax)[0]}
+    assert {tuple(np.round(one.ravel(), 9)) for one in every[0][inside.any(axis=1)]} <= lines
+    assert len(lines) < 0.3 * len(every[0])
+    (balls,) = [c for c in ax.collections if c.get_gid() == "balls"]
+    assert len(balls.get_offsets()) < 100
+    middle = plot_forces(wide.sample, Figure().subplots(), show="window")
+    assert np.ptp(middle.get_xlim()) == pytest.approx(24.0)
+
+
+def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
+    figure = forces_figure(wide)
+    whole, window, distribution = figure.axes[:3]
+    (marked,) = [patch for patch in whole.patches if patch.get_gid() == "window"]
+    assert window.get_xlim() == pytest.approx((marked.get_x(), marked.get_x() + marked.get_width()))
+    assert window.get_ylim() == pytest.approx((marked.get_y(), marked.get_y() + marked.get_height()))
+    assert distribution.get_ylabel() == "Probability density"
+    figure.savefig(tmp_path / "forces.png", dpi=50)
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"show": "some"}, "Use all, window, density or auto"), ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
+        ({"window": (1.0, 2.0)}, "left, lower, right"), ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball of the array"),
+    ],
+)  # fmt: skip
+def test_forces_that_cannot_be_shown(simulated, ax, options, told):
+    with pytest.raises(InputError, match=told):
+        plot_forces(simulated.sample, ax, **options)
 
 
 def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated, ax):
@@ -474,7 +548,7 @@ def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directi
         named = {
             text.get_text(): line.get_color() for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
         }
-        media = ("averaged lattice", "averaged force", "simulation(samples=2, shape=1 1 1)")
+        media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
         wanted = [to_rgb(named[name]) for name in media]
         drawn = [to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")]
         assert drawn == wanted

@@ -1,5 +1,6 @@
 """Pulses through networks of contacts: against closed forms of chains, dense matrices, another integrator, and the bands."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.sending import Sending
 from granphon.waves.viscous import ViscousPropagation
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -506,3 +508,12 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)
     assert ahead == pytest.approx(pulse.distance, abs=0.9 * 8e-3)
     assert pulse.velocity == pytest.approx(gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08)
+
+
+def test_transmit_takes_the_arguments_of_a_sending():
+    """They are named once; the signature that help and editors show is that of the class."""
+    given, own = inspect.signature(Sending).parameters, inspect.signature(gp.Waves.transmit)
+    assert list(own.parameters) == ["self", *given]
+    assert all(own.parameters[name].default == one.default for name, one in given.items())
+    assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY
+    assert own.return_annotation == "Pulse"

@@ -167,35 +167,55 @@ def run_scene(
 
 @command("plot", rich_help_panel=PICTURES)
 def draw_results(
-    folder: Annotated[str, typer.Argument(metavar="DIR", help="A folder that 'granphon run' wrote.")],
+    runs: Annotated[
+        list[str],
+        typer.Argument(metavar="RUN...", help="Folders of 'granphon run' or 'granphon fit', or files in them."),
+    ],
     out: Annotated[
         str | None,
         typer.Option("--out", "-o", metavar="FILE", help="The file to write; its ending is the format (.png, .pdf, .svg)."),
     ] = None,
-    asymptotes: Annotated[
-        bool, typer.Option("--asymptotes", help="Add the sound velocities of long waves to the bands.")
-    ] = False,
-    variable: Annotated[
-        str | None, typer.Option("--variable", metavar="NAME", help="Draw this variable of a sweep, such as bulk.")
+    x: Annotated[
+        str | None, typer.Option("--x", metavar="LOAD", help="The axis: force, pressure, overlap or reduced_force.")
     ] = None,
+    y: Annotated[
+        str | None,
+        typer.Option("--y", "--variable", metavar="NAME", help="What to draw over the load, such as bulk; any observable."),
+    ] = None,
+    data: Annotated[
+        list[str] | None,
+        typer.Option("--data", metavar="FILE.csv", help="Measured velocities, as for 'granphon fit'. May be repeated."),
+    ] = None,
+    asymptotes: Annotated[bool, typer.Option("--asymptotes", help="Add the long waves to the bands of one run.")] = False,
     backend: Annotated[
         str | None, typer.Option("--backend", metavar="NAME", help="The backend of matplotlib, such as pgf.")
     ] = None,
     force: Force = False,
 ) -> None:
-    """Draw the results of a run again.
+    """Draw the results of a run again, or of several runs in one figure.
 
-    Draws the bands with the density of states beside them (as bands.png in the folder, or as the file given), or the
-    velocities and exponents of a sweep (sweep.png). A file named spectrum, pulse or sample_dos, or of a sweep sweep_dos or
-    sweep_spectra, gets that figure of the waves in arrays.
+    Of one run draws the bands with the density of states beside them (as bands.png in the folder, or as the file given), the
+    velocities and exponents of a sweep (sweep.png), or a fit (fit.png). A file named spectrum, pulse or sample_dos, or of a
+    sweep sweep_dos or sweep_spectra, gets that figure of the waves in arrays.
+
+    Of several runs, or with --x or --data, draws sweeps, single states and fits over the load, with measured points
+    (comparison.png in the working folder, or the file given). Runs that all hold bands have them drawn one over the other.
 
     \b
     Examples:
       granphon plot out --force
       granphon plot out --asymptotes -o figure.pdf
-      granphon plot out --variable contact_fraction -o contacts.pdf
+      granphon plot out --y contact_fraction -o contacts.pdf
+      granphon plot steel glass --x pressure --data steel.csv -o both.pdf
     """
-    from granphon.scene.redraw import redraw
-
     require_name("--out", out)
-    say(f"Wrote {redraw(folder, out, force, asymptotes, variable, backend)}")
+    if len(runs) == 1 and x is None and not data and not os.path.isfile(runs[0]):
+        from granphon.scene.redraw import redraw
+
+        say(f"Wrote {redraw(runs[0], out, force, asymptotes, y, backend)}")
+        return
+    from granphon.scene.several import draw_together
+
+    if asymptotes:
+        raise InputError(message("--asymptotes is for the bands of one run", mend="Leave it out, or give one folder"))
+    say(f"Wrote {draw_together(runs, out, force, x=x, y=y, data=data or (), backend=backend)}")

@@ -15,11 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from granphon.figures.style import COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, readable_unit
+from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import WidthFit
 from granphon.observables.catalogue import axis_label
 
-__all__ = ["fit_figure", "plot_fit"]
+__all__ = ["fit_figure", "plot_fit", "write_width"]
 
+#: letters of a line of the legend
+_LETTERS = 28
 #: how measured points are drawn
 _DATA_STYLE: dict[str, Any] = {
     "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
@@ -51,14 +54,20 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     return ax, residual_ax
 
 
-def _describe(fit: WidthFit) -> str:
-    if "width" not in fit.parameters:
-        return fit.medium
+def write_width(fit: WidthFit) -> str:
+    """Return the fitted width with its standard error, of which two digits are told, if it is known: "2.026 ± 0.021 µm"."""
     size, unit = readable_unit(fit.width, "m")
     if not fit.errors_are_known:
-        return f"{fit.medium}: W = {fit.width / size:.5g} {unit}"
-    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two digits of the standard error
-    return f"{fit.medium}: W = {fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
+        return f"{fit.width / size:.5g} {unit}"
+    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)
+    return f"{fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
+
+
+def _describe(fit: WidthFit) -> str:
+    structure = fit.packing.structure
+    # in short lines, so that the legend has room below the curve
+    medium = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], _LETTERS)
+    return f"{medium}:\nW = {write_width(fit)}" if "width" in fit.parameters else medium
 
 
 def fit_figure(fit: WidthFit) -> Figure:
@@ -69,5 +78,6 @@ def fit_figure(fit: WidthFit) -> Figure:
         plot_fit(fit, axes[0], axes[1])
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
-        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="upper left")
+        # velocities rise with the force: this corner is free
+        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")
     return figure

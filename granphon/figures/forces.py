@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 # before matplotlib, whose import this module guards
 from granphon.figures.scales import FORCES
@@ -12,14 +13,17 @@ from granphon.figures.scales import FORCES
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.collections import EllipseCollection, LineCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
-from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE
+from granphon.base.arguments import finite_array
+from granphon.base.errors import InputError, brief, message
+from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION
 from granphon.media.state import ContactState
 
 __all__ = ["forces_figure", "plot_force_distribution", "plot_forces"]
@@ -33,11 +37,22 @@ _MOST_POINTS = 1.5
 _SAME = 1e-10
 #: largest distance of a ball from the layer that is drawn, in diameters
 _LEVEL = 1e-6
-#: the largest sample, in balls, whose balls are outlined
-_MOST_OUTLINED = 400
+#: the largest number of balls that are outlined
+_MOST_OUTLINED = 700
+#: what of the contacts may be shown
+Show = Literal["auto", "all", "window", "density"]
+_SHOWS = ("all", "window", "density")
+#: the greatest length of an array whose contacts are all drawn, and that of the window of a larger one, in diameters
+_MOST_DIAMETERS, _WINDOW = 48.0, 24.0
+#: the least side of the squares over which forces are averaged, in diameters, and the most squares along the array
+_LEAST_SQUARE, _MOST_SQUARES = 4.0, 40
+#: height of a figure of the window alone, and of that of a large array, in inches
+_WINDOW_HEIGHT, _LARGE_HEIGHT = 3.65, 3.1
 
 
-def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
+def plot_forces(
+    sample: Sample, ax: Axes | None = None, *, show: Show = "auto", window: Sequence[float] | None = None
+) -> Axes:
     """Draw the contact forces of a sample: a line from site to site, as wide and as dark as f/<f>; strong ones on top.
 
     Rows of the periodic array are moved by whole periods to fill a rectangle. A contact across its edge is drawn on both
@@ -45,40 +60,77 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
     diameters. Balls are drawn at their sites, as displacements, of the order of the spread, would not be seen. Of an array
     in space one layer is drawn, through the first ball along a1 and a2; in fcc and hcp it is close-packed.
 
-    If ``ax`` is not given, a new figure, one column wide, is made.
+    Parameters
+    ----------
+    show : "all" contacts; those in a "window" of the array; the "density" of the force, which is the mean over the contacts
+        in each square of a coarse grid, those that carry nothing among them; or "auto", all contacts of arrays of up to 48
+        diameters, and the density of larger ones, whose lines would be too thin to be told apart.
+    window : the left, lower, right and upper edge of the window, in diameters; by default the 24 diameters in the middle.
+
+    If ``ax`` is not given, a new figure, one column wide, is made. Raises :class:`~granphon.base.errors.InputError` for
+    another word, and for a window in which there is no ball.
     """
+    if show not in (*_SHOWS, "auto"):
+        raise InputError(message(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto"))
+    layer = _Layer.of(sample)
+    if show == "auto":
+        show = "window" if window is not None else "all" if float(np.max(layer.size)) <= _MOST_DIAMETERS else "density"
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return plot_forces(
-                sample, Figure((COLUMN_WIDTH, _choose_height(sample)), dpi=DPI, layout="constrained").subplots()
-            )
-    figure: Any = ax.get_figure()
-    layer = _Layer.of(sample)
-    segments, forces = layer.make_lines()
-    # printed size of a diameter, in points, estimated because the layout is not known yet
-    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / layer.size))
-    sites = layer.sites
-    if sites[..., 0].size <= _MOST_OUTLINED:
-        size, style = np.ones(sites[..., 0].size), {"facecolors": "none", "edgecolors": "0.7", "linewidths": 0.4}
-        place: dict[str, Any] = {"offsets": sites.reshape(-1, 2), "offset_transform": ax.transData, "gid": "balls"}
-        ax.add_collection(EllipseCollection(size, size, 0.0 * size, units="xy", **style, **place), autolim=False)
-    chains = LineCollection(list(segments), array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])), gid="forces")
-    chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * forces, capstyle="round")
-    ax.add_collection(chains, autolim=False)
-    length, height = layer.size
-    # half a row below the lowest, which is not at zero in every cell
-    bottom = float(np.min(sites[..., 1])) - 0.5 * layer.step
-    ax.set(xlim=(-0.25, length - 0.25), ylim=(bottom, bottom + height), aspect="equal")
+            height = _choose_height(sample) if show != "window" or window is not None else _WINDOW_HEIGHT
+            figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
+            return plot_forces(sample, figure.subplots(), show=show, window=window)
+    figure = ax.get_figure()
+    edges = layer.edges if show != "window" else layer.choose_window(window)
+    drawn = _draw_density(layer, ax) if show == "density" else _draw_chains(layer, ax, edges)
+    left, bottom, right, top = edges
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     along, across = (
         ("$x/d$", "$y/d$") if len(sample.shape) < 3 else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
     )
     ax.set(xlabel=along, ylabel=across, title=_write_title(sample))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
-    if height < 2.0:
+    if top - bottom < 2.0:
         ax.set_yticks([0.0])
-    figure.colorbar(chains, ax=ax, location="bottom", aspect=40, pad=0.02, label="Contact force over its mean")
+    label = "Contact force over its mean" + (f",\nmeans over {_write_square(layer)}" if show == "density" else "")
+    figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02, label=label)
     return ax
+
+
+def _draw_chains(layer: _Layer, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
+    """Draw the contacts between these edges, the left, lower, right and upper one, and their balls if there are few."""
+    figure: Any = ax.get_figure()
+    left, bottom, right, top = edges
+    segments, forces = layer.make_lines(edges)
+    sites = layer.sites.reshape(-1, 2)
+    sites = sites[np.all((sites > [left - 0.5, bottom - 0.5]) & (sites < [right + 0.5, top + 0.5]), axis=1)]
+    if not sites.size or not forces.size:
+        raise InputError(message("no ball of the array is in the window", mend="Give edges inside the array, in diameters"))
+    # printed size of a diameter, in points, estimated because the layout is not known yet
+    size = np.array([right - left, top - bottom])
+    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
+    if len(sites) <= _MOST_OUTLINED:
+        one, style = np.ones(len(sites)), {"facecolors": "none", "edgecolors": "0.7", "linewidths": 0.4}
+        place: dict[str, Any] = {"offsets": sites, "offset_transform": ax.transData, "gid": "balls"}
+        ax.add_collection(EllipseCollection(one, one, 0.0 * one, units="xy", **style, **place), autolim=False)
+    chains = LineCollection(list(segments), array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])), gid="forces")
+    chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * forces, capstyle="round")
+    ax.add_collection(chains, autolim=False)
+    return chains
+
+
+def _draw_density(layer: _Layer, ax: Axes) -> QuadMesh:
+    """Draw the mean force of the contacts in each square of a coarse grid."""
+    across, along, density = layer.make_density()
+    return ax.pcolormesh(across, along, density.T, cmap=FORCES, gid="density", rasterized=True)
+
+
+def _write_square(layer: _Layer) -> str:
+    """Return the size of the squares of the coarse grid in words."""
+    across, along, _ = layer.make_density()
+    sides = sorted({f"{float(edges[1] - edges[0]):.2g}" for edges in (across, along)})
+    return " x ".join(sides * (3 - len(sides))) + " $d$"
 
 
 def _choose_height(sample: Sample) -> float:
@@ -133,21 +185,61 @@ class _Layer:
         ways, size = table.normal[inside] @ plane, np.array([length, step * columns])
         return cls(sites, ends, steps.tolist(), ways, forces, size, step)
 
-    def make_lines(self) -> tuple[Array, Array]:
-        """Return lines (n, 2, 2) and forces (n,), ascending, of contacts that carry load.
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """The left, lower, right and upper edge; half a row below the lowest, which is not at zero in every cell."""
+        bottom = float(np.min(self.sites[..., 1])) - 0.5 * self.step
+        return (-0.25, bottom, float(self.size[0]) - 0.25, bottom + float(self.size[1]))
 
-        A contact across an edge has two lines, one at each of its balls.
+    def choose_window(self, given: Sequence[float] | None) -> tuple[float, ...]:
+        """Return the edges of the window that is given, or of that in the middle; InputError if they are no edges."""
+        if given is None:
+            low, high = np.reshape(self.edges, (2, 2))
+            middle, half = (low + high) / 2.0, np.minimum((high - low) / 2.0, _WINDOW / 2.0)
+            return (*(middle - half).tolist(), *(middle + half).tolist())
+        numbers = finite_array("window", given)
+        if numbers.shape != (4,) or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
+            raise InputError(message(f"window is {brief(given)}", mend="Give its left, lower, right and upper edge"))
+        return tuple(numbers.tolist())
+
+    def make_density(self) -> tuple[Array, Array, Array]:
+        """Return the edges (m + 1,), (n + 1,) of the squares of a coarse grid, and the mean force (m, n) in each.
+
+        A contact counts half at each of its balls, so that none is lost at an edge of the periodic array.
         """
-        pairs = list(zip(self.ends, self.shifts, strict=True))
-        own = np.stack([self.sites[:, :, i] for (i, _), _ in pairs], axis=2)
-        others = np.stack([np.roll(self.sites[:, :, j], (-a, -b), (0, 1)) for (_, j), (a, b) in pairs], axis=2)
-        way = np.broadcast_to(self.ways, others.shape)
-        lines = np.stack([np.stack([own, own + way], axis=-2), np.stack([others - way, others], axis=-2)])
-        carries = self.forces > 0.0
-        shown = np.stack([carries, carries & (np.linalg.norm(others - own - way, axis=-1) > 0.5)])
-        values = np.stack([self.forces, self.forces])[shown]
-        order = np.argsort(values, kind="stable")
-        return lines[shown][order], values[order]
+        side = max(_LEAST_SQUARE, float(np.max(self.size)) / _MOST_SQUARES)
+        left, bottom, right, top = self.edges
+        counts = np.maximum(1, np.round(self.size / side)).astype(int)
+        grid = [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
+        i, j = np.array(self.ends).T
+        mean = [np.zeros(self.sites.shape[:3]) for _ in range(2)]  # sum of the forces at each ball, and number of contacts
+        for contact, ((a, b), (p, q)) in enumerate(zip(self.shifts, zip(i.tolist(), j.tolist(), strict=True), strict=True)):
+            force = self.forces[..., contact]
+            for total, value in zip(mean, (force, np.ones(force.shape)), strict=True):
+                total[:, :, p] += value
+                total[:, :, q] += np.roll(value, (a, b), (0, 1))
+        x, y = np.moveaxis(self.sites, -1, 0).reshape(2, -1)
+        sums, number = (np.histogram2d(x, y, grid, weights=total.ravel())[0] for total in mean)
+        return grid[0], grid[1], sums / np.maximum(number, 1.0)
+
+    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return lines (n, 2, 2) and forces (n,), ascending, of contacts near the ``edges`` that carry load.
+
+        A contact across an edge of the array has two lines, one at each of its balls.
+        """
+        low, high = np.array(edges[:2]) - 1.0, np.array(edges[2:]) + 1.0
+        lines, values = list[Array](), list[Array]()
+        for contact, ((i, j), (a, b)) in enumerate(zip(self.ends, self.shifts, strict=True)):
+            way, force = self.ways[contact], self.forces[..., contact]
+            own, other = self.sites[:, :, i], np.roll(self.sites[:, :, j], (-a, -b), (0, 1))
+            across = np.linalg.norm(other - own - way, axis=-1) > 0.5
+            for start, there in ((own, force > 0.0), (other - way, (force > 0.0) & across)):
+                near = there & np.all((start > low) & (start + way > low) & (start < high) & (start + way < high), axis=-1)
+                lines.append(np.stack([start[near], start[near] + way], axis=1))
+                values.append(force[near])
+        found = np.concatenate(values)
+        order = np.argsort(found, kind="stable")
+        return np.concatenate(lines)[order], found[order]
 
 
 def _write_title(sample: Sample) -> str:
@@ -183,13 +275,33 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
 def forces_figure(state: ContactState) -> Figure:
     """Draw a figure of the force chains of the first sample beside the distribution of forces in all; two columns wide.
 
+    Of a sample longer than 48 diameters, the chains are those of a window of 24, and the density of the force in the whole
+    array stands before them, with the window marked.
+
     See :func:`plot_forces` and :func:`plot_force_distribution`. Raises :class:`~granphon.base.errors.InputError` for several
     loads.
     """
     _ = state.scales  # one load only
+    sample = state.samples[0]
+    layer = _Layer.of(sample)
+    large = float(np.max(layer.size)) > _MOST_DIAMETERS
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(PAGE_WIDTH, _choose_height(state.samples[0])), dpi=DPI, layout="constrained")
-        left, right = figure.subplots(1, 2)
-        plot_forces(state.samples[0], left)
-        plot_force_distribution(state, right)
+        height = _LARGE_HEIGHT if large else _choose_height(sample)
+        figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
+        *arrays, last = figure.subplots(1, 2 + large)
+        if large:
+            edges = layer.choose_window(None)
+            plot_forces(sample, arrays[0], show="density")
+            left, bottom, right, top = edges
+            marked: dict[str, Any] = {"fill": False, "color": VERMILION, "linewidth": 1.0, "gid": "window"}
+            arrays[0].add_patch(Rectangle((left, bottom), right - left, top - bottom, **marked))
+            plot_forces(sample, arrays[1], window=edges)
+            arrays[0].set(title="whole array")
+            arrays[1].set(title="window", ylabel="")
+            figure.suptitle(_write_title(sample), fontsize=STYLE["axes.titlesize"])
+            for spine in arrays[1].spines.values():
+                spine.set(color=VERMILION, linewidth=1.0)
+        else:
+            plot_forces(sample, arrays[0], show="all")
+        plot_force_distribution(state, last)
     return figure

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief, message
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["plot"]
@@ -34,8 +35,8 @@ _WORDS = (
 )
 
 
-def plot(result: Any, **options: Any) -> Figure:
-    """Draw the default picture of a result, and return the figure, which a notebook shows.
+def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
+    """Draw the default picture of a result, or one picture of several, and return the figure, which a notebook shows.
 
     ``result`` is bands, a density of states (of a lattice or of a sample), a sweep, a fit, a trade-off, spectra along a path
     or at single wave vectors, a pulse, a simulated state at one load, or the result of the run of a scene, of which bands,
@@ -43,9 +44,18 @@ def plot(result: Any, **options: Any) -> Figure:
     such as ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on an Axes of yours
     are in the same modules.
 
+    A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with
+    measured points, or bands, or densities of states. ``options`` are then those of
+    :func:`granphon.figures.comparison.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
+    single result of these kinds, and the figure of the Axes is returned.
+
     Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the function does not have.
     """
     kinds = [f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(result).__mro__]
+    # a data set is a mapping too, of variables
+    several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
+    if several or axes is not None:
+        return _plot_several(result if several else [result], axes, options)
     if "granphon.SweepResult" in kinds:
         return plot(result.dataset, **options)
     known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
@@ -56,15 +66,30 @@ def plot(result: Any, **options: Any) -> Figure:
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
     draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given, options)
-    figure = draw(**given, **options)
+    return _show(draw(**given, **options))
+
+
+def _show(figure: Figure) -> Figure:
+    """Return a plain figure, as the functions make it, as a picture that shows itself, whether pyplot is loaded or not."""
     from granphon.figures.pictures import Picture
 
-    # the functions make plain figures; a picture is one that shows itself, whether pyplot is loaded or not
     figure.__class__ = Picture
     return figure
 
 
-def _require_options(draw: Callable[..., Figure], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
+def _plot_several(results: Any, axes: Axes | None, options: dict[str, Any]) -> Figure:
+    """Draw results on one Axes: of a new figure, or that given."""
+    from granphon.figures.comparison import comparison_figure, plot_together
+
+    _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
+    if axes is None:
+        return _show(comparison_figure(results, **options))
+    plot_together(results, axes, **options)
+    figure: Any = axes.get_figure()
+    return figure  # type: ignore[no-any-return]
+
+
+def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
     """Raise InputError for an option that the function does not have."""
     from inspect import signature
 

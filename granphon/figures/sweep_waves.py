@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
-from granphon.figures.sweeps import find_load, list_combinations, write_labels
+from granphon.figures.sweep_lines import find_load, list_combinations, write_labels
 from granphon.figures.zones import print_label
 
 if TYPE_CHECKING:

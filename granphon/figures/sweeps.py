@@ -22,19 +22,23 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from granphon.base.errors import FigureError, InputError, message
-from granphon.base.quantities import LOADS
-from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE, readable_unit
-from granphon.media.simulation import DirectSimulation
+from granphon.figures.curves import Look, draw_curve, make_outside, make_serving
+from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
+from granphon.figures.sweep_lines import (
+    drop_directions,
+    find_load,
+    is_simulated,
+    list_combinations,
+    read_curve,
+    read_values,
+    write_labels,
+)
 from granphon.observables.catalogue import CATALOGUE, axis_label
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["find_load", "list_combinations", "plot_exponent", "plot_sweep", "sweep_figure", "write_labels"]
-
-#: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
-_LARGEST = 1e280
+__all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
@@ -53,8 +57,6 @@ _VELOCITIES = {
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
 _MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
-#: names of media in legends
-_MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium"}
 
 
 def plot_sweep(
@@ -72,102 +74,26 @@ def plot_sweep(
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
     elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
     line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
-    The slow transverse wave in space has a dash-dotted line.
+    Marks on the line of an automatic medium say which medium served where. The slow transverse wave in space has a
+    dash-dotted line.
 
     Raises
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
     x = x or find_load(dataset)
-    across, along, lines = _read_values(dataset, variable), _read_values(dataset, x), _colour_lines(dataset)
+    across, along, lines = read_values(dataset, variable), read_values(dataset, x), _colour_lines(dataset)
+    dashes, marker = _SLOW_DASHES if variable == _SLOW else None, _MARKERS.get(variable, "o")
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         if index.get("direction") and "direction" not in across.dims:
             continue  # it is the same in all directions: the line of the first one shows it
-        horizontal, vertical, inside = (
-            np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
-        )
-        order = np.argsort(horizontal, kind="stable")
-        horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
-        simulated = _is_simulated(dataset, index)
-        marker = _MARKERS.get(variable, "o") if simulated or order.size == 1 else ""
-        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.0}
-        thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
-        thin |= {"markerfacecolor": "white"}
-        if simulated:
-            deviation = np.asarray(_read_errors(dataset, variable).isel(index, missing_dims="ignore"))[order]
-            if np.any(deviation > 0.0):
-                bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": colour, "gid": f"{variable}-errors"}
-                ax.errorbar(horizontal, vertical, deviation, **bars)
-            thin |= {"linestyle": "none"}
-            solid |= {"linestyle": "none"}
-        else:
-            thin |= {"linewidth": 0.7, "dashes": (3.0, 1.5)}
-            solid |= {"linewidth": width} | ({"dashes": _SLOW_DASHES} if variable == _SLOW else {})
-        ax.plot(horizontal, vertical, **thin)
-        ax.plot(horizontal, np.where(inside, vertical, np.nan), **solid)
+        draw_curve(ax, read_curve(dataset, variable, x, index), Look(colour, width, dashes, marker), variable)
     for which, values, name in (("x", along, x), ("y", across, variable)):
         scale_axis(ax, which, np.asarray(values))
         ax.set(**{f"{which}label": axis_label(name, dataset[name].attrs.get("units", ""))})
     if legend:
         ax.legend(handles=_make_legend(dataset))
     return ax
-
-
-def find_load(dataset: Dataset) -> str:
-    """Return the name of the load that was given: a coordinate along the loads."""
-    return next((str(name) for name in LOADS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
-
-
-def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
-    """Return whether the medium at ``index`` is a simulation, by its label."""
-    return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
-
-
-def _drop_directions(dataset: Dataset, variable: str) -> Dataset:
-    """Return the sweep without its directions, if a variable is the same in all: its lines are those of the media."""
-    same = variable in dataset and "direction" not in dataset[variable].dims
-    return dataset.drop_dims("direction", errors="ignore") if same else dataset
-
-
-def _read_errors(dataset: Dataset, variable: str) -> Any:
-    """Return the standard errors of a variable; nan, drawn without a bar, where they are not known, as for one sample."""
-    return dataset.get(f"{variable}_error", dataset[variable] * np.nan)
-
-
-def _read_values(dataset: Dataset, name: str) -> Any:
-    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
-    if name not in dataset.variables:
-        known = ", ".join(map(str, dataset.data_vars))
-        raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
-    values = dataset[name]
-    extra = set(values.dims) - {"load", "medium", *_list_parameters(dataset)}
-    if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
-        raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
-    if not np.any(np.isfinite(values)):
-        raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
-    sizes = np.abs(np.asarray(values, float))
-    far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
-    if np.any(far):
-        what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
-        raise FigureError(
-            message(what, f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}", "Draw another variable")
-        )
-    return values
-
-
-def _list_parameters(dataset: Dataset) -> list[str]:
-    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
-    along = ("direction",) * ("direction" in dataset.dims)
-    return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
-
-
-def list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
-    """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
-    names = _list_parameters(dataset)
-    words = {name: [f"{name.replace('_', ' ')} {label}" for label in write_labels(dataset, name)] for name in names}
-    several = [name for name in names if dataset.sizes[name] > 1]
-    places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
-    return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
 
 
 def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
@@ -188,17 +114,6 @@ def _make_shades(name: str, count: int) -> list[Any]:
     return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
 
 
-def write_labels(dataset: Dataset, name: str) -> list[str]:
-    """Return the names of the values of a dimension in a legend."""
-    values = np.atleast_1d(dataset[name].values).tolist()
-    if name == "medium":
-        return [_MEDIA.get(value, str(value)) for value in values]
-    if not all(isinstance(value, float) for value in values):
-        return [str(value) for value in values]
-    number, unit = readable_unit(max(map(abs, values)), dataset[name].attrs.get("units", ""))
-    return [f"{value / number:.4g} {unit}".rstrip() for value in values]
-
-
 def _make_legend(dataset: Dataset) -> list[Line2D]:
     """Return the entries of the legend: media, combinations of parameters, and the dashes of lines outside their range.
 
@@ -211,7 +126,7 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
         shades = _make_shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
         shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
         values = [(shades[i], words[i]) for i in shown.tolist()]
-    simulated = [_is_simulated(dataset, {"medium": m}) for m in range(len(media))]
+    simulated = [is_simulated(dataset, {"medium": m}) for m in range(len(media))]
     point: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": "none"}
     entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
     entries += [(value, all(simulated)) for value in values]
@@ -219,14 +134,15 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
     if len(values) < len(words) > 1:
         lines.append(Line2D([], [], linestyle="none", label=f"{len(values)} of {len(words)} are named"))
     if not np.all(dataset["valid"]):
-        outside = point | {"markerfacecolor": "white"} if all(simulated) else {"linewidth": 0.7, "dashes": (3.0, 1.5)}
-        lines.append(Line2D([], [], color="0.3", label="outside its range", **outside))
+        lines.append(make_outside(all(simulated)))
+    chosen = [read_curve(dataset, "valid", find_load(dataset), index) for _, index in _colour_lines(dataset)]
+    lines += make_serving(chosen)
     return lines
 
 
 def _name_transverse(dataset: Dataset) -> list[Line2D]:
     """Return the entries of the legend that tell the slow transverse wave from the fast one."""
-    points = all(_is_simulated(dataset, {"medium": m}) for m in range(dataset.sizes["medium"]))
+    points = all(is_simulated(dataset, {"medium": m}) for m in range(dataset.sizes["medium"]))
     entries = []
     for name, dashes in ((_SLOW, _SLOW_DASHES), ("transverse_fast", None)):
         style: dict[str, Any] = {"linewidth": 1.2} | ({"dashes": dashes} if dashes else {})
@@ -242,7 +158,7 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
     their standard errors. ``x`` is that of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
-    plot_sweep(_drop_directions(dataset, "exponent"), ax, "exponent", x, legend=False)
+    plot_sweep(drop_directions(dataset, "exponent"), ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
     for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
         ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
@@ -266,7 +182,7 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     both = variable is None and "exponent" in dataset
     velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
     if variable is not None or not velocities:
-        dataset = _drop_directions(dataset, variable or "normal_stiffness")
+        dataset = drop_directions(dataset, variable or "normal_stiffness")
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 4.0 if both else 2.6), dpi=DPI, layout="constrained")
         ratios = [1.6, 1.0][: 1 + both]

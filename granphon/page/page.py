@@ -31,21 +31,10 @@ _MOST_ROLLING = 0.2
 
 
 def make_page(
-    packing: Packing,
-    media: Sequence[MediumChoice],
-    load: Load,
-    *,
-    finite_overlap: bool = False,
-    path: BandPath | None = None,
-    direction: Sequence[float] | None = None,
-    title: str = "granphon",
-    remarks: Sequence[str] = (),
+    packing: Packing, media: Sequence[MediumChoice], load: Load, *, title: str = "granphon", **options: Any
 ) -> str:
-    """Return the text of the page, HTML; the arguments are those of :func:`describe_page`."""
-    data = describe_page(
-        packing, media, load, finite_overlap=finite_overlap, path=path, direction=direction, remarks=remarks
-    )
-    return fill_template(data, title)
+    """Return the text of the page, HTML; ``options``, and what is raised, are those of :func:`describe_page`."""
+    return fill_template(describe_page(packing, media, load, **options), title)
 
 
 def describe_page(

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from granphon.base.errors import InputError, MissingFileError, message
+from granphon.base.errors import InputError, message
 from granphon.base.staging import ResultFiles
-from granphon.base.text import parse_yaml, read_text
-from granphon.base.written_files import read_written_files
 from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
+from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
 from granphon.scene.sweep_figures import draw_sweep
 
 __all__ = ["redraw"]
 
-_FORMATS = (".pdf", ".png", ".svg")
-#: the files that are drawn
-_DRAWN = ("sweep.nc", "band.yaml", "dos.csv")
 #: what of the waves in samples is drawn
 _WAVES = ("spectrum", "pulse", "dos")
 #: the names of files that mean one figure: of a sweep, and of what a run holds
@@ -38,10 +33,10 @@ def redraw(
 
     Parameters
     ----------
-    folder : folder of the run; it holds sweep.nc, or band.yaml, dos.csv, or both.
+    folder : folder of the run; it holds sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. A name spectrum, pulse or sample_dos means that
-        result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations. By default sweep.png, bands.png
-        (dos.png without bands) in the folder.
+        result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations. By default sweep.png, fit.png,
+        bands.png (dos.png without bands) in the folder.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -56,15 +51,7 @@ def redraw(
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     source = Path(folder)
-    if not source.is_dir():
-        what = f"{source} is no folder" if os.path.lexists(source) else f"there is no folder {source}"
-        raise MissingFileError(message(what, mend="Give the folder of a run"))
-    # whatever has the name is read, and a folder or a link to nothing is then an error
-    have = {name: source / name for name in _DRAWN if os.path.lexists(source / name)}
-    if lost := [name for name in _DRAWN if name not in have and name in _list_results(source)]:
-        what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
-        mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
-        raise MissingFileError(message(what, "The figure would leave it out", mend))
+    have = find_results(source)
     waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
     stem = None if out is None else Path(out).stem
     there = {Path(name).stem for name in waves} | (_OF_SWEEPS if "sweep.nc" in have else set())
@@ -75,34 +62,33 @@ def redraw(
     if wave is not None:
         have = {wave: waves[wave]}
     if not have:
-        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv, and no waves of a simulation"
+        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv nor fit.yaml, and no waves of a simulation"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
         raise InputError(
             message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
         )
-    swept = "sweep.nc" in have
-    if swept and asymptotes:
-        raise InputError(
-            message(f"{source} holds a sweep", "Long waves are drawn beside bands only", "Leave asymptotes out")
-        )
+    swept, fitted = "sweep.nc" in have, "fit.yaml" in have
+    if (swept or fitted) and asymptotes:
+        what = f"{source} holds a {'sweep' if swept else 'fit'}"
+        raise InputError(message(what, "Long waves are drawn beside bands only", "Leave asymptotes out"))
     if variable is not None and not swept:
         raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
     target = source if out is None else Path(out).parent
-    name = "sweep.png" if swept else figure_name("band.yaml" in have) if wave is None else wave.replace(".json", ".png")
+    name = "sweep.png" if swept else "fit.png" if fitted else figure_name("band.yaml" in have)
+    name = name if wave is None else wave.replace(".json", ".png")
     name = name if out is None else Path(out).name
-    if Path(name).suffix not in _FORMATS:
-        raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
+    require_format(name)
     # lock before anything is read, so that no run can replace the results while the figure of them is drawn
     with ResultFiles(target, [name], force).open() as locked:
-        before = read_written_files(source)
-        if wave is not None:
-            figure = _draw_waves(wave, have[wave])
-        else:
-            sweep = have.get("sweep.nc")
-            figure = _draw_spectra(source, have, asymptotes) if sweep is None else _read_sweep(sweep, name, variable)
-        if read_written_files(source) != before:
-            what = f"{source} was written into while it was read"
-            raise InputError(message(what, "The figure would mix two results", "Draw it again"))
+
+        def draw() -> Any:
+            if wave is not None:
+                return _draw_waves(wave, have[wave])
+            if swept:
+                return _read_sweep(have["sweep.nc"], name, variable)
+            return _draw_fit(have["fit.yaml"]) if fitted else _draw_spectra(source, have, asymptotes)
+
+        figure = read_unchanged([source], draw)
         from granphon.figures.style import save_figure
 
         with locked.staging() as place:
@@ -110,18 +96,16 @@ def redraw(
     return target / name
 
 
-def _list_results(folder: Path) -> set[str]:
-    """Return the names of the files of the run in ``folder``, as granphon's hidden list or summary.yaml tells them."""
-    names = set(read_written_files(folder))
-    with suppress(InputError, AttributeError, TypeError):  # without a summary that can be read, the list alone counts
-        names |= set(parse_yaml(read_text(folder / "summary.yaml"), "summary.yaml").data.get("files", ()))
-    return names
-
-
 def _read_sweep(path: Path, name: str, variable: str | None) -> Any:
     from granphon.sweeps.archive import load_sweep
 
     return draw_sweep(load_sweep(path), name, variable)
+
+
+def _draw_fit(path: Path) -> Any:
+    from granphon.figures.fits import fit_figure
+
+    return fit_figure(read_fit(path))
 
 
 def _draw_waves(name: str, path: Path) -> Any:

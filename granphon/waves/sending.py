@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -54,13 +54,14 @@ MARGIN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Sending:
-    """A pulse to be sent: the arguments of :meth:`granphon.waves.waves.Waves.transmit`, which says what they are."""
+    """A pulse to be sent: its fields are the arguments of :meth:`~granphon.waves.waves.Waves.transmit`, see there."""
 
     frequency: float
     direction: ArrayLike
     distance: float
     cycles: float = 5.0
     polarisation: str | ArrayLike = "longitudinal"
+    _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
     damping: float = 0.0
@@ -85,8 +86,8 @@ class Sending:
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
             distance = 0.5 * course.period
         return cls(
-            settings.frequency, along, distance, settings.cycles, settings.polarisation, settings.source, settings.ends,
-            settings.damping,
+            settings.frequency, along, distance, settings.cycles, settings.polarisation, source=settings.source,
+            ends=settings.ends, damping=settings.damping,
         )  # fmt: skip
 
 

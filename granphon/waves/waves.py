@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable
+from functools import cached_property, wraps
+from inspect import signature
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,26 @@ from granphon.waves.spectral_functions import SpectralFunction, find_spectral_fu
 __all__ = ["Waves"]
 
 Array = NDArray[np.float64]
+P = ParamSpec("P")
+
+
+def _take_arguments(
+    make: Callable[P, Sending],
+) -> Callable[[Callable[[Waves, Sending], Pulse]], Callable[Concatenate[Waves, P], Pulse]]:
+    """Make a method of what is sent one of the arguments of :class:`Sending`, which alone names them and their defaults."""
+
+    def decorate(send: Callable[[Waves, Sending], Pulse]) -> Callable[Concatenate[Waves, P], Pulse]:
+        @wraps(send)
+        def method(self: Waves, /, *args: P.args, **options: P.kwargs) -> Pulse:
+            return send(self, make(*args, **options))
+
+        own, given = signature(send), signature(make)
+        parameters = [next(iter(own.parameters.values())), *given.parameters.values()]
+        method.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+        method.__annotations__ = {"return": own.return_annotation}
+        return method
+
+    return decorate
 
 
 class Waves:
@@ -122,22 +143,8 @@ class Waves:
         """
         return nearest_wavevectors(self.network, q)
 
-    def transmit(
-        self,
-        frequency: float,
-        direction: ArrayLike,
-        distance: float,
-        cycles: float = 5.0,
-        polarisation: str | ArrayLike = "longitudinal",
-        *,
-        source: str | int | Sequence[int] = "plane",
-        ends: str = "free",
-        damping: float = 0.0,
-        tangential_damping: float | None = None,
-        duration: float | None = None,
-        planes: ArrayLike = (),
-        frames: ArrayLike = (),
-    ) -> Pulse:
+    @_take_arguments(Sending)
+    def transmit(self, wanted: Sending) -> Pulse:
         """Send a pulse through the network, and hear it on a plane of balls.
 
         A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of the source from t = 0 to
@@ -178,11 +185,7 @@ class Waves:
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative.
         """
-        wanted = Sending(
-            frequency, direction, distance, cycles, polarisation, source, ends, damping, tangential_damping, duration,
-            planes, frames,
-        )  # fmt: skip
-        return transmit(self.network, wanted, self.operator if ends == "periodic" else None)
+        return transmit(self.network, wanted, self.operator if wanted.ends == "periodic" else None)
 
 
 def _find_network(source: Any) -> ContactNetwork:

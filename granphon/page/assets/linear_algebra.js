@@ -64,22 +64,27 @@ export function hermitianEigen(matrix) {
   return { values: Float64Array.from(places, (place) => diagonal[place]), vectors };
 }
 
+// x^H y of two columns of `count` numbers that begin at `first` and at `second`; im is null if they are real
+function innerProduct(re, im, first, second, count) {
+  let dotRe = 0;
+  let dotIm = 0;
+  if (im) {
+    for (let k = 0; k < count; k++) {
+      dotRe += re[first + k] * re[second + k] + im[first + k] * im[second + k];
+      dotIm += re[first + k] * im[second + k] - im[first + k] * re[second + k];
+    }
+  } else {
+    for (let k = 0; k < count; k++) dotRe += re[first + k] * re[second + k];
+  }
+  return { re: dotRe, im: dotIm };
+}
+
 // A^H diag(sign) A of the rows of A, added to `into`
 export function addGram(into, a, sign) {
   const { rows: m, cols: n } = a;
   for (let p = 0; p < n; p++) {
     for (let q = p; q < n; q++) {
-      let re = 0;
-      let im = 0;
-      for (let k = 0; k < m; k++) {
-        const x = p * m + k;
-        const y = q * m + k;
-        re += a.re[x] * a.re[y];
-        if (a.im) {
-          re += a.im[x] * a.im[y];
-          im += a.re[x] * a.im[y] - a.im[x] * a.re[y];
-        }
-      }
+      const { re, im } = innerProduct(a.re, a.im, p * m, q * m, m);
       into.re[q * n + p] += sign * re;
       if (q > p) into.re[p * n + q] += sign * re;
       if (a.im) {
@@ -161,17 +166,9 @@ function reflect(re, im, m, n, k) {
   const factor = 1 / (length * (length + head)); // 2 / |v|^2
   for (let col = k + 1; col < n; col++) {
     const shift = (col - k) * m;
-    let dotRe = 0;
-    let dotIm = 0;
-    for (let row = start; row < end; row++) {
-      dotRe += re[row] * re[row + shift];
-      if (im) {
-        dotRe += im[row] * im[row + shift];
-        dotIm += re[row] * im[row + shift] - im[row] * re[row + shift];
-      }
-    }
-    dotRe *= factor;
-    dotIm *= factor;
+    const dot = innerProduct(re, im, start, start + shift, end - start);
+    const dotRe = factor * dot.re;
+    const dotIm = factor * dot.im;
     for (let row = start; row < end; row++) {
       re[row + shift] -= dotRe * re[row] - (im ? dotIm * im[row] : 0);
       if (im) im[row + shift] -= dotRe * im[row] + dotIm * re[row];
@@ -187,11 +184,7 @@ function rotateColumns(x) {
   const least = (NO_COLUMN * Math.max(...columnLengths(x))) ** 2;
   const squares = new Float64Array(n);
   for (let sweep = 0; sweep < MOST_SWEEPS; sweep++) {
-    for (let k = 0; k < n; k++) {
-      let sum = 0;
-      for (let row = k * m; row < k * m + m; row++) sum += x.re[row] * x.re[row] + (x.im ? x.im[row] * x.im[row] : 0);
-      squares[k] = sum;
-    }
+    for (let k = 0; k < n; k++) squares[k] = innerProduct(x.re, x.im, k * m, k * m, m).re;
     let turned = false;
     for (let p = 0; p < n - 1; p++) {
       for (let q = p + 1; q < n; q++) turned = rotatePair(x, m, p, q, squares, least) || turned;
@@ -205,42 +198,11 @@ function rotatePair(x, m, p, q, squares, least) {
   const alpha = squares[p];
   const beta = squares[q];
   if (Math.min(alpha, beta) <= least) return false;
-  let gammaRe = 0;
-  let gammaIm = 0;
-  const first = p * m;
-  const second = q * m;
-  if (im) {
-    for (let k = 0; k < m; k++) {
-      gammaRe += re[first + k] * re[second + k] + im[first + k] * im[second + k];
-      gammaIm += re[first + k] * im[second + k] - im[first + k] * re[second + k];
-    }
-  } else {
-    for (let k = 0; k < m; k++) gammaRe += re[first + k] * re[second + k];
-  }
-  const size = im ? Math.hypot(gammaRe, gammaIm) : Math.abs(gammaRe);
+  const gamma = innerProduct(re, im, p * m, q * m, m);
+  const size = im ? Math.hypot(gamma.re, gamma.im) : Math.abs(gamma.re);
   if (!(size > 4 * EPSILON * Math.sqrt(alpha) * Math.sqrt(beta))) return false;
-  const zeta = (beta - alpha) / (2 * size);
-  const tangent = (zeta >= 0 ? 1 : -1) / (Math.abs(zeta) + Math.hypot(1, zeta));
-  const cosine = 1 / Math.hypot(1, tangent);
-  const sine = cosine * tangent;
-  const phaseRe = gammaRe / size;
-  const phaseIm = gammaIm / size;
-  for (let k = 0; k < m; k++) {
-    const one = re[first + k];
-    if (im) {
-      const oneIm = im[first + k];
-      const other = re[second + k] * phaseRe + im[second + k] * phaseIm;
-      const otherIm = im[second + k] * phaseRe - re[second + k] * phaseIm;
-      re[first + k] = cosine * one - sine * other;
-      im[first + k] = cosine * oneIm - sine * otherIm;
-      re[second + k] = sine * one + cosine * other;
-      im[second + k] = sine * oneIm + cosine * otherIm;
-    } else {
-      const other = re[second + k] * phaseRe;
-      re[first + k] = cosine * one - sine * other;
-      re[second + k] = sine * one + cosine * other;
-    }
-  }
+  const tangent = findTangent(alpha, beta, size);
+  rotate(x, p * m, q * m, 1, m, tangent, gamma.re / size, gamma.im / size);
   squares[p] = Math.max(alpha - tangent * size, 0);
   squares[q] = beta + tangent * size;
   return true;
@@ -258,28 +220,11 @@ function rotateBoth(a, v, p, q) {
   if (!(size > 0.5 * EPSILON * Math.sqrt(Math.abs(alpha)) * Math.sqrt(Math.abs(beta))) || size < Number.MIN_VALUE * 16) {
     return false;
   }
-  const zeta = (beta - alpha) / (2 * size);
-  const tangent = (zeta >= 0 ? 1 : -1) / (Math.abs(zeta) + Math.hypot(1, zeta));
-  const cosine = 1 / Math.hypot(1, tangent);
-  const sine = cosine * tangent;
+  const tangent = findTangent(alpha, beta, size);
   const phaseRe = offRe / size;
   const phaseIm = offIm / size;
-  turnColumns(a, p, q, cosine, sine, phaseRe, phaseIm);
-  turnColumns(v, p, q, cosine, sine, phaseRe, phaseIm);
-  for (let col = 0; col < n; col++) {
-    const x = col * n + p;
-    const y = col * n + q;
-    const oneRe = a.re[x];
-    const oneIm = a.im ? a.im[x] : 0;
-    const otherRe = a.re[y] * phaseRe - (a.im ? a.im[y] * phaseIm : 0);
-    const otherIm = a.im ? a.im[y] * phaseRe + a.re[y] * phaseIm : 0;
-    a.re[x] = cosine * oneRe - sine * otherRe;
-    a.re[y] = sine * oneRe + cosine * otherRe;
-    if (a.im) {
-      a.im[x] = cosine * oneIm - sine * otherIm;
-      a.im[y] = sine * oneIm + cosine * otherIm;
-    }
-  }
+  for (const one of [a, v]) rotate(one, p * n, q * n, 1, n, tangent, phaseRe, phaseIm);
+  rotate(a, p, q, n, n, tangent, phaseRe, -phaseIm); // rows take the conjugate of the phase
   a.re[p * n + p] = alpha - tangent * size;
   a.re[q * n + q] = beta + tangent * size;
   a.re[at] = 0;
@@ -293,21 +238,34 @@ function rotateBoth(a, v, p, q) {
   return true;
 }
 
-function turnColumns(a, p, q, cosine, sine, phaseRe, phaseIm) {
-  const m = a.rows;
-  for (let k = 0; k < m; k++) {
-    const x = p * m + k;
-    const y = q * m + k;
-    const oneRe = a.re[x];
-    const oneIm = a.im ? a.im[x] : 0;
-    // the second column times the conjugate of the phase
-    const otherRe = a.re[y] * phaseRe + (a.im ? a.im[y] * phaseIm : 0);
-    const otherIm = a.im ? a.im[y] * phaseRe - a.re[y] * phaseIm : 0;
-    a.re[x] = cosine * oneRe - sine * otherRe;
-    a.re[y] = sine * oneRe + cosine * otherRe;
-    if (a.im) {
-      a.im[x] = cosine * oneIm - sine * otherIm;
-      a.im[y] = sine * oneIm + cosine * otherIm;
+// Tangent of the rotation that makes two columns orthogonal: alpha and beta are their squares, size is that of their product
+function findTangent(alpha, beta, size) {
+  const zeta = (beta - alpha) / (2 * size);
+  return (zeta >= 0 ? 1 : -1) / (Math.abs(zeta) + Math.hypot(1, zeta));
+}
+
+// Rotate two columns or rows of `count` numbers, `step` apart, that begin at `first` and at `second`; the second is
+// multiplied by the conjugate of the phase before
+function rotate(a, first, second, step, count, tangent, phaseRe, phaseIm) {
+  const { re, im } = a;
+  const cosine = 1 / Math.hypot(1, tangent);
+  const sine = cosine * tangent;
+  for (let k = 0; k < count; k++) {
+    const x = first + k * step;
+    const y = second + k * step;
+    const one = re[x];
+    if (im) {
+      const oneIm = im[x];
+      const other = re[y] * phaseRe + im[y] * phaseIm;
+      const otherIm = im[y] * phaseRe - re[y] * phaseIm;
+      re[x] = cosine * one - sine * other;
+      im[x] = cosine * oneIm - sine * otherIm;
+      re[y] = sine * one + cosine * other;
+      im[y] = sine * oneIm + cosine * otherIm;
+    } else {
+      const other = re[y] * phaseRe;
+      re[x] = cosine * one - sine * other;
+      re[y] = sine * one + cosine * other;
     }
   }
 }

@@ -1,0 +1,301 @@
+"""Figures of several results on one Axes: sweeps, states, fits and data over the load; bands; densities of states.
+
+What all curves share stands in the title, and the legend says in words what each has of its own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+# before matplotlib, whose import this module guards
+from granphon.figures.curves import (
+    MOST_LOOKS,
+    Curve,
+    draw_curve,
+    make_handle,
+    make_looks,
+    make_outside,
+    make_serving,
+)
+from granphon.figures.scales import scale_axis
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
+
+from granphon.base.errors import InputError, message
+from granphon.base.scales import HertzPrefix
+from granphon.figures.runs import Run
+from granphon.figures.shared_axis import choose_axes, read_points, require_one_axis
+from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
+from granphon.figures.words import find_differing, join_facts, write_value
+from granphon.figures.zones import print_label
+from granphon.fits.measurements import Measurements
+from granphon.observables.catalogue import axis_label
+
+__all__ = ["comparison_figure", "plot_together"]
+
+#: letters of a line of a legend, and of a title, in a column; letters of labels that stand two in a row
+_LETTERS, _TITLE_LETTERS, _SHORT = 50, 60, 24
+#: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters
+_LETTER, _LONG_HANDLE = 0.55, 2.8
+#: height of a figure without legend and title, and that of a line of these, in inches
+_HEIGHT, _LINE_HEIGHT = 2.5, 0.145
+#: marks of measured points, which are black
+_DATA_MARKS = ("o", "s", "^", "D", "v", "P")
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words."""
+
+    handles: list[Line2D]
+    common: list[str]
+
+
+def plot_together(
+    results: Sequence[Any] | Mapping[str, Any],
+    ax: Axes,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    data: Any = (),
+    balls_per_side: int | None = None,
+    legend: bool = True,
+) -> Axes:
+    """Draw several results on one Axes.
+
+    Sweeps, states and fits are curves and points of ``y`` over ``x``. If all results have bands and neither ``x`` nor ``y``
+    nor data are given, their bands are drawn one over the other; so are densities of states.
+
+    Parameters
+    ----------
+    results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping stand in the legend for
+        all that the curves of a result share.
+    x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it is that of all, else the
+        force.
+    y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by default the longitudinal
+        velocity, or another one that all hold.
+    data : measured velocities, one or several: files in the form of ``granphon fit``, or
+        :class:`~granphon.fits.measurements.Measurements`.
+    balls_per_side : that of the hexagonal frame, where a file of data gives side forces.
+    legend : whether to draw the legend, and the title.
+
+    A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points, with bars of standard
+    errors over samples; measured points are black. States that differ in their load alone are one set of points.
+
+    Raises
+    ------
+    InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the units differ, or some are
+        bands and others are not; the error names them. Data that are no velocities, or whose loads cannot be converted.
+    """
+    drawn = _draw(results, ax, x, y, data, balls_per_side)
+    if legend:
+        ax.legend(handles=drawn.handles, handlelength=_find_length(drawn.handles))
+        size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
+        figure: Any = ax.get_figure()
+        points = 72.0 * figure.get_figwidth() * ax.get_position().width
+        ax.set_title(join_facts(drawn.common, max(20, int(points / (_LETTER * size)))), fontsize=size)
+    return ax
+
+
+def _find_length(handles: Sequence[Line2D]) -> float | None:
+    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart, None for the usual."""
+    return _LONG_HANDLE if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
+
+
+def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any) -> Figure:
+    """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, _HEIGHT), dpi=DPI, layout="constrained")
+        drawn = _draw(results, figure.subplots(), **options)
+        if not legend:
+            return figure
+        labels = [str(handle.get_label()) for handle in drawn.handles]
+        columns = 1 if max(map(len, labels)) > _SHORT else min(2, len(labels))
+        rows = sum(1 + label.count("\n") for label in labels) if columns == 1 else -(-len(labels) // 2)
+        title = join_facts(drawn.common, _TITLE_LETTERS)
+        lines = rows + (1 + title.count("\n") if title else 0)
+        figure.set_size_inches(COLUMN_WIDTH, _HEIGHT + _LINE_HEIGHT * lines)
+        length = _find_length(drawn.handles)
+        figure.legend(handles=drawn.handles, loc="outside lower center", ncols=columns, handlelength=length)
+        if title:
+            figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
+    return figure
+
+
+def _draw(
+    results: Sequence[Any] | Mapping[str, Any], ax: Axes, x: str | None = None, y: str | None = None, data: Any = (),
+    balls_per_side: int | None = None,
+) -> _Drawn:  # fmt: skip
+    """Draw what :func:`plot_together` draws, without legend and title."""
+    if isinstance(results, Mapping):
+        runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
+    else:
+        runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
+    given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
+    if not runs:
+        raise InputError(message("there is nothing to draw", mend="Give results"))
+    asked = x is not None or y is not None or bool(given)
+    if not asked and all(run.bands is not None for run in runs):
+        return _draw_bands(runs, ax)
+    if not asked and all(run.dos is not None for run in runs):
+        return _draw_dos(runs, ax)
+    across, along = choose_axes(runs, x, y)
+    curves = [curve for run in runs for curve in run.find_curves(across, along)]
+    measured = [read_points(one, runs, across, along, balls_per_side) for one in given]
+    require_one_axis(curves, across, along)
+    return _draw_curves(ax, curves, measured, across, along)
+
+
+# -- curves ---------------------------------------------------------------------------------------------------------
+
+
+def _join_points(curves: Sequence[Curve]) -> list[Curve]:
+    """Return the curves with single states of the same facts joined; curves that are the same get the names of runs."""
+    joined, single = list[Curve](), set[int]()
+    for curve in curves:
+        alike = [n for n, other in enumerate(joined) if other.facts == curve.facts and other.units == curve.units]
+        alike = [n for n in alike if curve.x.size == 1 and n in single]
+        if alike:
+            other = joined[alike[0]]
+            joined[alike[0]] = replace(other.merge(curve), run=f"{other.run}, {curve.run}")
+        else:
+            single |= {len(joined)} if curve.x.size == 1 else set()
+            joined.append(curve)
+    double = [curve for curve in joined if sum(other.facts == curve.facts for other in joined) > 1]
+    return [replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in joined]
+
+
+def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return for each curve a heading, empty for most, and its own label; and what all curves share.
+
+    What the curves of one run share stands in a heading before them.
+    """
+    differing, common = find_differing([curve.facts for curve in curves])
+    if len(curves) == 1:
+        own = curves[0].facts.get("medium", curves[0].run)
+        return [("", own)], [text for text in common if text != own]
+    labels, told = [], set[str]()
+    for curve in curves:
+        alike = [one.facts for one in curves if one.run == curve.run]
+        kinds = [kind for kind in differing if kind in curve.facts]
+        same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
+        if "name" in same:  # it stands for all that is the same in the run
+            kinds, same = [kind for kind in kinds if kind == "name" or kind not in same], ["name"]
+        shared = same if len(alike) > 1 else []
+        heading = join_facts([curve.facts[kind] for kind in shared], _LETTERS)
+        label = join_facts([curve.facts[kind] for kind in kinds if kind not in shared] or [curve.run], _LETTERS)
+        labels.append((f"{heading}:" if heading and curve.run not in told else "", label))
+        told.add(curve.run)
+    return labels, common
+
+
+def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
+    models = _join_points([curve for curve in found if not curve.measured])
+    points = [curve for curve in found if curve.measured] + measured
+    if len(models) > MOST_LOOKS:
+        what = f"{len(models)} curves are too many to be told apart"
+        raise InputError(message(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"))
+    labels, common = _write_legend(models)
+    handles = []
+    for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
+        draw_curve(ax, curve, look, y)
+        if heading:
+            handles.append(Line2D([], [], linestyle="none", label=heading))
+        handles.append(make_handle(curve, look, label))
+    for n, curve in enumerate(points):
+        told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
+        style: dict[str, Any] = {"marker": _DATA_MARKS[n % len(_DATA_MARKS)], "markersize": 2.6, "linestyle": "none"}
+        style |= {"color": "black"}
+        error = None if np.all(np.isnan(curve.error)) else curve.error
+        ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style)
+        handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
+    if not all(np.all(curve.valid) for curve in models):
+        handles.append(make_outside(all(curve.as_points for curve in models)))
+    handles += make_serving(models)
+    every = [*models, *points]
+    for which, values in (("x", [curve.x for curve in every]), ("y", [curve.y for curve in every])):
+        scale_axis(ax, which, np.concatenate(values))
+    ax.set(xlabel=axis_label(x, models[0].units[0]), ylabel=axis_label(y, models[0].units[1]))
+    return _Drawn(handles, common)
+
+
+# -- bands, and densities of states ---------------------------------------------------------------------------------
+
+
+def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
+    """Return the label of each run of bands or densities, and what all share."""
+    facts = []
+    for run in runs:
+        told = {"name": run.name} if run.named else {}
+        if run.state is not None:
+            load = run.state.load
+            value = write_value(float(run.state.numbers[load]), run.state.units.get(load, ""))
+            told |= run.state.facts | {"load": f"{load} {value}"}
+        facts.append(told)
+    facts = [
+        {"run": run.name} | one if facts.count(one) > 1 or not one else one for run, one in zip(runs, facts, strict=True)
+    ]
+    differing, common = find_differing(facts)
+    labels = [
+        join_facts(
+            [one["name"]] if "name" in one else [one[kind] for kind in differing if kind in one] or [run.name], _LETTERS
+        )
+        for run, one in zip(runs, facts, strict=True)
+    ]
+    return labels, common if len(runs) > 1 else []
+
+
+def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
+    """Draw bands one over the other, a colour for each run; :class:`InputError` if their paths differ."""
+    every = [run.bands for run in runs if run.bands is not None]
+    first = every[0]
+    for run, bands in zip(runs, every, strict=True):
+        same = bands.labels == first.labels and bands.distances.shape[0] == first.distances.shape[0]
+        if not same or not np.allclose(bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6):
+            paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
+            what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
+            why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
+            raise InputError(message(what, why, "Compute them along one path"))
+    unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
+    labels, common = _describe_spectra(runs)
+    handles = []
+    for n, (bands, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
+        style: dict[str, Any] = {"color": look.colour, "linewidth": look.width} | (
+            {"dashes": look.dashes} if look.dashes else {}
+        )
+        for s, along in enumerate(bands.distances):
+            ax.plot(along, bands.connected_frequencies[s] / unit.hertz, gid=f"bands-{n}", **style)
+        handles.append(Line2D([], [], label=label, **style))
+    corners = np.append(first.distances[:, 0], first.distances[-1, -1])
+    for corner in corners[1:-1]:
+        ax.axvline(float(corner), color=FRAME, linewidth=0.5, zorder=0.5)
+    ax.set_xticks(corners, [print_label(label) for label in first.labels])
+    ax.tick_params(axis="x", length=0)
+    ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})", xlim=corners[[0, -1]], ylim=(0.0, None))
+    return _Drawn(handles, common)
+
+
+def _draw_dos(runs: Sequence[Run], ax: Axes) -> _Drawn:
+    """Draw densities of states one over the other, a colour for each run."""
+    every = [run.dos for run in runs if run.dos is not None]
+    unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in every))
+    labels, common = _describe_spectra(runs)
+    handles = []
+    for n, (dos, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
+        style: dict[str, Any] = {"color": look.colour, "linewidth": look.width} | (
+            {"dashes": look.dashes} if look.dashes else {}
+        )
+        ax.plot(dos.frequencies / unit.hertz, dos.total * unit.hertz, gid=f"dos-{n}", **style)
+        handles.append(Line2D([], [], label=label, **style))
+    name = print_hertz(unit)
+    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
+    return _Drawn(handles, common)

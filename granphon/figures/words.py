@@ -1,0 +1,125 @@
+"""Media and packings in words, as the legends of figures name them; this module does not load matplotlib."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from granphon.balls.packing import Packing
+from granphon.base.scales import prefixed
+from granphon.media.sampled_balls import DEFAULT_SHAPES
+
+__all__ = [
+    "DEFAULTS",
+    "MEDIA",
+    "describe_medium",
+    "describe_parameter",
+    "find_differing",
+    "join_facts",
+    "list_facts",
+    "write_value",
+]
+
+#: a space at which no line ends
+_NO_BREAK = "\u00a0"
+#: the media in words, without their options
+MEDIA = {
+    "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
+    "simulation": "simulation", "auto": "automatic medium",
+}  # fmt: skip
+#: what the options of media mean in a legend; the value stands for {}
+_OPTIONS = {
+    "local_field=paper": "local field of the paper", "friction_history=true": "loaded with friction",
+    "geometry=exact": "true geometry", "balls": "{} balls", "tolerance": "error below {}", "seed": "seed {}",
+    "start": "from {}", "friction_coefficient": "friction coefficient {}",
+}  # fmt: skip
+#: symbols of the numbers that describe balls, and their units, with the names under which sweeps vary them
+_SYMBOLS = {
+    "young_modulus": ("E", "Pa"), "poisson_ratio": ("ν", ""), "density": ("ρ", "kg/m³"), "diameter": ("d", "m"),
+    "width": ("W", "m"),
+}  # fmt: skip
+#: what is said of motions, and of terms of finite overlap, where nothing was asked for: a title leaves these out
+DEFAULTS = frozenset({"motions of the lattice", "no torsion", "no bending", "limit of small overlap"})
+
+
+def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
+    """Return a medium in words: "simulation, 4 samples of 32 x 32 balls" for ``simulation(samples=4, shape=32 32)``.
+
+    ``periods`` and ``balls`` are the number of periods of the lattice, and that of balls in its cell.
+    """
+    name, _, inner = label.removesuffix(")").partition("(")
+    if name not in MEDIA:
+        return label
+    options = dict(one.split("=", 1) for one in inner.split(", ") if "=" in one)
+    words = [MEDIA[name]]
+    if name == "simulation":
+        shape = options.pop("shape", " ".join(map(str, DEFAULT_SHAPES[periods]))).replace(" ", " x ")
+        samples = int(options.pop("samples", 1))
+        several = f"{samples} samples" if samples > 1 else "a sample"
+        words.append(f"{several} of {shape} {'balls' if balls == 1 else 'cells'}")
+    for option, value in options.items():
+        if option == "tolerance":
+            value = f"{100.0 * float(value):g} %"
+        plain = _OPTIONS.get(f"{option}={value}") or _OPTIONS.get(option, option.replace("_", " ") + " {}")
+        words.append(plain.format(value))
+    return ", ".join(words)
+
+
+def write_value(value: float, unit: str) -> str:
+    """Return a number with its unit as it stands in a legend, five digits at most: "2.04 µm"."""
+    if unit not in ("m", "Pa", "N", "Hz", "N/m"):
+        return f"{value:.5g} {unit}".rstrip()
+    size, name = prefixed(value, unit)
+    return f"{value / size:.5g} {name}".replace("u", "µ")
+
+
+def describe_parameter(name: str, value: Any, unit: str = "") -> tuple[str, str]:
+    """Return the kind of fact that a parameter of a packing is, and its value in words: ("spread", "W = 2 µm")."""
+    if name in _SYMBOLS and not isinstance(value, str):
+        symbol, own = _SYMBOLS[name]
+        text = f"{symbol} = {write_value(float(value), own)}"
+        return ("spread", text if value else "equal balls") if name == "width" else (name, text)
+    if name == "friction":
+        return name, "with friction" if str(value) == "True" else "without friction"
+    if name == "lattice":
+        return name, f"{value} lattice"
+    if name == "motions":
+        return name, f"motions {str(value).replace('_', ' ')}"
+    if name in ("torsion", "bending"):
+        return name, f"{name} {value:.4g}" if isinstance(value, float) and value else f"no {name}" if not value else (
+            f"{name} of {str(value).capitalize()}"
+        )  # fmt: skip
+    return name, f"{name.replace('_', ' ')} {value} {unit}".rstrip()
+
+
+def list_facts(packing: Packing, finite_overlap: bool = False) -> dict[str, str]:
+    """Return what balls and their contacts are, in words by kind; what two packings share has the same words."""
+    ball, spread = packing.material, packing.spread
+    kind = type(spread).__name__.lower()
+    facts = dict(
+        describe_parameter(name, value)
+        for name, value in (
+            ("lattice", packing.structure.name), ("young_modulus", ball.young_modulus),
+            ("poisson_ratio", ball.poisson_ratio), ("density", ball.density), ("diameter", packing.diameter),
+            ("width", packing.width), ("friction", packing.friction), ("motions", packing.motions or "of the lattice"),
+            ("torsion", packing.torsion), ("bending", packing.bending),
+        )
+    )  # fmt: skip
+    if spread is not None and packing.width and kind != "uniform":
+        facts["spread"] += f" ({kind})"
+    return facts | {"overlap": "finite overlap" if finite_overlap else "limit of small overlap"}
+
+
+def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:
+    """Return the kinds of fact that several mappings do not share, and in words what all share, without what is usual."""
+    kinds = list(dict.fromkeys(kind for one in facts for kind in one))
+    differing = [kind for kind in kinds if len({one.get(kind) for one in facts}) > 1]
+    common = [facts[0][kind] for kind in kinds if kind not in differing and facts[0][kind] not in DEFAULTS]
+    return differing, common
+
+
+def join_facts(facts: Iterable[str], letters: int) -> str:
+    """Return facts in one text, in lines of so many letters at most that break between facts, or at commas in them."""
+    text = ", ".join(facts).replace(" ", _NO_BREAK).replace(f",{_NO_BREAK}", ", ")
+    return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)

@@ -1,0 +1,376 @@
+"""Several runs in one figure: what is plotted is read back, and so are the words of legends and of errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon.base.errors import InputError, MissingFileError
+from granphon.cli.commands import main
+from granphon.figures.comparison import comparison_figure, plot_together
+from granphon.figures.curves import MOST_LOOKS, Curve, draw_curve, make_looks
+from granphon.figures.sweeps import plot_sweep
+from granphon.figures.words import describe_medium, join_facts
+from granphon.fits.fit import fit_width
+from granphon.fits.measurements import Measurements
+from granphon.media.choice import MediumChoice
+from granphon.scene.scene import Scene
+from granphon.scene.several import draw_together
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+GLASS = gp.Material(70e9, 0.22, 2500.0)
+SPREAD = gp.Uniform(2.04e-6)
+FORCE = np.geomspace(2.0, 50.0, 5)
+ARRAYS = {"simulation": {"shape": (8, 8), "samples": 2}}
+
+
+def balls(material=STEEL, **more):
+    return gp.Packing(material, 8e-3, **{"spread": SPREAD, **more})
+
+
+@pytest.fixture(scope="module")
+def steel():
+    return gp.sweep(balls(), force=FORCE, media=["ema", ARRAYS])
+
+
+@pytest.fixture(scope="module")
+def glass():
+    return gp.sweep(balls(GLASS), force=FORCE, media="ema")
+
+
+@pytest.fixture(scope="module")
+def fcc():
+    return gp.sweep(gp.Packing(STEEL, 8e-3, lattice="fcc"), force=FORCE)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    exact = gp.sound_velocities(gp.EffectiveMedium(balls()).at_force(FORCE)).longitudinal
+    return fit_width(balls(), FORCE, exact * (1.0 + 0.01 * np.array([1, -1, 1, -1, 1])), 5.0)
+
+
+@pytest.fixture
+def ax():
+    return Figure(layout="constrained").subplots()
+
+
+def drawn(ax, gid):
+    return [np.array(line.get_xydata()) for line in ax.lines if line.get_gid() == gid]
+
+
+def texts(ax):
+    (legend,) = ax.legends if isinstance(ax, Figure) else [ax.get_legend()]
+    return [text.get_text().replace("\u00a0", " ").replace("\n", " ") for text in legend.get_texts()]
+
+
+# -- curves -----------------------------------------------------------------------------------------------------------
+
+
+def test_curves_of_several_sweeps_are_their_numbers(steel, glass, ax):
+    assert plot_together([steel, glass], ax) is ax
+    lines = drawn(ax, "longitudinal-all")
+    for line, (data, medium) in zip(lines, ((steel, 0), (steel, 1), (glass, 0)), strict=True):
+        assert_array_equal(line, np.stack([FORCE, data.longitudinal[:, medium]], axis=1))
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Longitudinal velocity (m/s)")
+    colours = [line.get_color() for line in ax.lines if line.get_gid() == "longitudinal-all"]
+    assert len(set(colours)) == 3
+    # the legend says what differs, the title what is shared
+    assert texts(ax)[:4] == [
+        "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:", "effective medium", "simulation, 2 samples of 8 x 8 balls",
+        "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium",
+    ]  # fmt: skip
+    assert ax.get_title().replace("\u00a0", " ") == "triangular lattice, d = 8 mm, W = 2.04 µm, with friction"
+
+
+def test_any_quantity_has_its_standard_errors(steel, ax):
+    plot_together([steel], ax, y="bulk", x="pressure")
+    (bars,) = ax.containers
+    ends = np.array(bars.lines[2][0].get_segments())[..., 1]
+    assert_allclose(np.ptp(ends, axis=1), 2.0 * steel.bulk_error[:, 1], rtol=1e-6)
+    assert_array_equal(drawn(ax, "bulk-all")[0][:, 0], steel.pressure[:, 0])
+    assert ax.get_xlabel() == "Pressure (N/m)"
+
+
+def test_names_stand_for_what_the_curves_of_a_run_share(steel, glass, ax):
+    plot_together({"first": steel, "second": glass}, ax)
+    assert texts(ax)[:4] == ["first:", "effective medium", "simulation, 2 samples of 8 x 8 balls", "second"]
+
+
+def test_runs_that_are_alike_are_told_apart_by_their_names(glass, ax):
+    plot_together([glass, glass], ax)
+    assert texts(ax) == ["result 1", "result 2"]
+
+
+def test_parameters_of_a_sweep_are_facts_like_those_of_a_packing(ax):
+    widths = gp.sweep(balls(), force=FORCE, media="ema", width=[1e-6, 0.0])
+    one = gp.sweep(balls(spread=gp.Uniform(1e-6)), force=FORCE, media="afa", friction=[False])
+    plot_together([widths, one], ax)
+    own = "W = 1 µm, without friction, averaged force"
+    assert texts(ax)[:4] == ["with friction, effective medium:", "W = 1 µm", "equal balls", own]
+
+
+def test_beyond_the_colours_dashes_tell_lines_apart(ax):
+    looks = make_looks(MOST_LOOKS)
+    assert len({(look.colour, look.dashes) for look in looks}) == MOST_LOOKS
+    assert len({(look.colour, look.marker) for look in looks}) == MOST_LOOKS
+    assert all(look.dashes != (3.0, 1.5) for look in looks)  # which are those outside the range
+    many = gp.sweep(balls(), force=[3.0, 4.0], width=np.linspace(1e-6, 2e-6, MOST_LOOKS + 1).tolist())
+    with pytest.raises(InputError, match="25 curves are too many to be told apart"):
+        plot_together([many], ax)
+
+
+def test_dashes_are_not_filled_by_the_line_outside_the_range(ax):
+    curve = Curve("", {}, np.arange(1.0, 7.0), np.arange(1.0, 7.0), np.full(6, np.nan), np.arange(6) > 2, np.zeros(6, bool))
+    draw_curve(ax, curve, make_looks(7)[-1], "y")
+    assert_array_equal(np.isfinite(drawn(ax, "y-outside")[0][:, 1]), [True, True, True, True, False, False])
+    assert_array_equal(np.isfinite(drawn(ax, "y-valid")[0][:, 1]), curve.valid)
+    (carrier,) = (line for line in ax.lines if line.get_gid() == "y-all")
+    assert carrier.get_linestyle() == "None"
+
+
+def test_states_that_differ_in_their_load_are_one_set_of_points(tmp_path, glass, ax):
+    results = [run_scene(tmp_path, f"at{force}", f"force: {force} N") for force in (9, 4)]
+    plot_together([*results, glass], ax)
+    (points, _) = drawn(ax, "longitudinal-all")
+    assert_array_equal(points[:, 0], [4.0, 9.0])
+    assert_allclose(points[:, 1], gp.sound_velocities(gp.EffectiveMedium(balls()).at_force([4.0, 9.0])).longitudinal)
+    assert len(texts(ax)) == 2
+
+
+def test_fits_bring_their_data(steel, fit, ax):
+    plot_together([steel, fit], ax)
+    (points,) = drawn(ax, "measured-0")
+    assert_array_equal(points, np.stack([FORCE, fit.velocity], axis=1))
+    line = drawn(ax, "longitudinal-all")[2]
+    assert_allclose(line[:, 1], fit.velocity_at(line[:, 0]), rtol=1e-14)
+    assert any(text.startswith("fitted W = ") and "±" in text for text in texts(ax))
+    assert "data" in texts(ax)
+
+
+# -- measured points --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("heading", "unit"), [("force (N)", 1.0), ("pressure (kN/m)", 1e-3)])
+@pytest.mark.parametrize("x", ["force", "pressure", "reduced force"])
+def test_data_stand_where_their_load_is(tmp_path, glass, ax, heading, unit, x):
+    known = {"force": glass.force, "pressure": glass.pressure[:, 0], "reduced force": glass.reduced_force[:, 0]}
+    given = np.asarray(known[heading.split()[0]]) * unit
+    rows = [f"{load!r},{400 + n} m/s,2 %" for n, load in enumerate(given.tolist())]
+    text = "\n".join([f"{heading},velocity (m/s),sigma (%)", *rows]).replace(" m/s,", ",").replace(" %\n", "\n")
+    (tmp_path / "mine.csv").write_text(text.removesuffix(" %"), encoding="utf-8")
+    plot_together([glass], ax, x=x, data=tmp_path / "mine.csv")
+    points, _, (bars,) = ax.containers[0].lines
+    assert_allclose(points.get_xydata()[:, 0], known[x], rtol=1e-12)
+    assert_allclose(points.get_xydata()[:, 1], 400.0 + np.arange(5))
+    assert_allclose([np.ptp(one[:, 1]) for one in bars.get_segments()], 0.04 * (400.0 + np.arange(5)), rtol=1e-9)
+    assert points.get_color() == "black"
+
+
+def test_data_that_no_axis_holds(steel, fcc, ax):
+    data = Measurements([2.0, 3.0], [400.0, 500.0])
+    for results, options, told in (
+        ([steel], {"y": "bulk"}, "measured velocities share no axis with bulk"),
+        ([steel], {"x": "overlap"}, "The overlap of balls was not measured"),
+        ([gp.sweep(balls(), force=[2.0], width=[1e-6, 2e-6])], {"x": "reduced_force"}, "not the same multiple"),
+    ):
+        with pytest.raises(InputError, match=told):
+            plot_together(results, ax, data=data, **options)
+    assert not ax.lines
+
+
+# -- what cannot share an axis ----------------------------------------------------------------------------------------
+
+
+def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
+    chain = gp.sweep(gp.Packing(STEEL, 8e-3, lattice="chain"), force=FORCE)
+    bands = gp.Phonons(gp.AveragedLattice(balls()).at_force(3.0)).bands("GK", npoints=3)
+    square = gp.Phonons(gp.AveragedLattice(balls(lattice="square")).at_force(3.0)).bands("GX", npoints=3)
+    for results, options, told in (
+        (
+            {"a": steel, "b": fcc},
+            {"x": "pressure"},
+            "^a and b cannot share an axis of pressure. a has it in N/m; b has it in Pa",
+        ),
+        (
+            {"a": steel, "b": fcc, "c": chain},
+            {"y": "transverse"},
+            "^b and c hold no transverse. All runs hold .*longitudinal",
+        ),
+        ({"a": steel, "b": bands}, {}, "^b holds bands and no velocities. a is a sweep: they cannot share an axis"),
+        ({"a": bands, "b": square}, {}, "^the bands of a and b cannot share an axis: their paths differ. .*G-K.*G-X"),
+        ({"a": steel, "b": fit}, {"y": "bulk"}, "^b holds no bulk"),
+        ({"a": steel}, {"y": "longitudnal"}, "Did you mean longitudinal"),
+        ({"a": steel}, {"x": "presure"}, "Did you mean pressure"),
+        ({"a": fcc}, {"x": "reduced_force"}, "^reduced_force of a is nowhere finite. It is infinite for equal balls"),
+        ({"a": "text"}, {}, "'text' shares no figure with others"),
+        ({}, {}, "nothing to draw"),
+    ):
+        with pytest.raises(InputError, match=told):
+            plot_together(results, ax, **options)
+    assert not ax.lines
+
+
+# -- bands, and densities of states -----------------------------------------------------------------------------------
+
+
+def test_bands_are_drawn_one_over_the_other(ax):
+    phonons = [gp.Phonons(gp.AveragedLattice(balls(friction=one)).at_force(3.0)) for one in (True, False)]
+    bands = [one.bands("GKMG", npoints=5) for one in phonons]
+    plot_together({"rough": bands[0], "smooth": bands[1]}, ax)
+    for n, one in enumerate(bands):
+        found = drawn(ax, f"bands-{n}")
+        assert len(found) == 3 * one.n_branches
+        assert_allclose(np.max([line[:, 1].max() for line in found]), one.frequencies.max() / 1e3)
+    assert texts(ax) == ["rough", "smooth"]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["Γ", "K", "M", "Γ"]
+    densities = [one.dos((4, 4)) for one in phonons]
+    figure = comparison_figure(densities)
+    assert_allclose(drawn(figure.axes[0], "dos-1")[0][:, 1], densities[1].total * 1e3)
+    assert texts(figure) == ["result 1", "result 2"]
+
+
+# -- gp.plot ----------------------------------------------------------------------------------------------------------
+
+
+def test_plot_takes_several_results_and_an_axes(steel, glass, ax):
+    figure = gp.plot([steel, glass], y="transverse")
+    assert len(drawn(figure.axes[0], "transverse-all")) == 3
+    assert figure._repr_png_()[0].startswith(b"\x89PNG")
+    own = ax.get_figure()
+    assert gp.plot([steel, glass], axes=ax) is own
+    assert type(own) is Figure
+    assert gp.plot(glass, axes=ax) is own
+    assert len(drawn(ax, "longitudinal-all")) == 4
+    assert gp.plot([steel, glass], legend=False).legends == []
+    with pytest.raises(InputError, match="plot_together has no option variable"):
+        gp.plot([steel, glass], variable="bulk")
+
+
+# -- words ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("medium", "words"),
+    [
+        ("ala", "averaged lattice"), ({"ema": {"local_field": "paper"}}, "effective medium, local field of the paper"),
+        ({"simulation": {"shape": (32, 32), "samples": 4}}, "simulation, 4 samples of 32 x 32 balls"),
+        ("simulation", "simulation, a sample of 128 x 128 balls"),
+        ({"simulation": {"shape": (8, 8), "seed": 3, "geometry": "exact"}},
+         "simulation, a sample of 8 x 8 balls, true geometry, seed 3"),
+        ({"auto": {"tolerance": 1e-2}}, "automatic medium, error below 1 %"), ({"cluster": {"balls": 7}}, "cluster medium"),
+        ({"cluster": {"balls": 13}}, "cluster medium, 13 balls"),
+    ],
+)  # fmt: skip
+def test_media_are_named_in_words(medium, words):
+    label = MediumChoice.parse(medium).label
+    found = describe_medium(label)
+    assert found == words or found == f"{words}, 7 balls"
+    assert "=" not in found
+
+
+def test_cells_of_several_balls_are_called_cells():
+    assert describe_medium("simulation", 3, 2) == "simulation, a sample of 24 x 24 x 24 cells"
+
+
+def test_lines_of_a_legend_break_between_facts():
+    assert join_facts(["E = 1 GPa", "ρ = 2500 kg/m³"], 12).replace("\u00a0", " ") == "E = 1 GPa,\nρ = 2500 kg/m³"
+
+
+def test_an_automatic_medium_shows_which_medium_served(ax):
+    data = gp.sweep(balls(), force=[3.0, 10.0, 200.0], media={"auto": {"tolerance": 0.02}})
+    served = [str(one) for one in data["choice"].values[:, 0]]
+    assert len(set(served)) > 1
+    plot_sweep(data, ax)
+    for name in set(served):
+        there = np.array(served) == name
+        marked = drawn(ax, f"longitudinal-served-{name}")
+        assert_array_equal(np.concatenate(marked), np.stack([data.force, data.longitudinal[:, 0]], axis=1)[there])
+    assert len({line.get_marker() for line in ax.lines if "served" in line.get_gid()}) == len(set(served))
+    assert {f"{describe_medium(name)} served" for name in served} <= set(texts(ax))
+
+
+# -- the command ------------------------------------------------------------------------------------------------------
+
+
+def run_scene(place: Path, name: str, load: str, more: str = "medium: ema"):
+    text = f"""material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
+packing: {{diameter: 8 mm, spread: {{uniform: 2.04 um}}}}
+load: {{{load}}}
+{more}
+"""
+    (place / f"{name}.yaml").write_text(text, encoding="utf-8")
+    return Scene.from_yaml(place / f"{name}.yaml").run(place / name, figures=False)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory, fit):
+    place = tmp_path_factory.mktemp("runs")
+    run_scene(place, "sweep", "force: [2 N, 5 N, 20 N]")
+    run_scene(place, "one", "side_force: 300 N, balls_per_side: 31")
+    run_scene(place, "bands", "force: 3 N", "medium: ema\nobserve: [bands]\nphonopy: {band_points: 3}")
+    fit.write(place / "fit")
+    rows = ["side_force (N),velocity (m/s)", "300,500", "600,600"]
+    (place / "side.csv").write_text("\n".join(rows), encoding="utf-8")
+    return place
+
+
+def test_the_command_draws_folders_and_files_in_one_figure(folders, monkeypatch, capsys):
+    monkeypatch.chdir(folders)
+    assert main(["plot", "sweep", "one", "fit", "--data", "side.csv", "--x", "pressure", "-o", "all.pdf"]) == 0
+    assert (folders / "all.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["plot", "sweep/sweep.nc", "fit/fit.yaml", "one/summary.yaml"]) == 0
+    assert "Wrote comparison.png" in capsys.readouterr().out
+
+
+def test_the_command_draws_one_folder_over_another_load(folders, monkeypatch):
+    monkeypatch.chdir(folders)
+    assert main(["plot", "fit", "-o", "only.svg"]) == 0
+    assert b"Residual" in (folders / "only.svg").read_bytes()
+    assert main(["plot", "sweep", "--x", "overlap", "--y", "contact_fraction", "-o", "one.svg"]) == 0
+    assert b"Fraction of contacts" in (folders / "one.svg").read_bytes()
+
+
+def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(folders, monkeypatch, capsys):
+    monkeypatch.chdir(folders)
+    before = sorted(folders.rglob("*"))
+    for words, told in (
+        (["sweep", "bands"], "sweep and bands cannot share an axis: no velocity is in all."),
+        (["sweep", "nowhere"], "there is no folder nowhere"), (["sweep", "sweep"], "sweep is given twice"),
+        (["sweep", "one", "--y", "exponnt"], "Did you mean exponent"),
+        (["sweep", "one", "-o", "x.txt"], "names no figure format"),
+        (["sweep", "fit", "--data", "side.csv"], "side.csv gives side forces"),
+        (["sweep", "one", "--asymptotes"], "--asymptotes is for the bands of one run"),
+        (["sweep", "side.csv"], "side.csv"), (["sweep", "sweep.yaml"], "sweep.yaml is no folder, and no file of results"),
+    ):  # fmt: skip
+        assert main(["plot", *words, *["-o", "new.png"] * ("-o" not in words)]) == 2, words
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert told in err
+    assert sorted(folders.rglob("*")) == before
+
+
+def test_a_run_that_is_exchanged_while_it_is_read_is_not_drawn(folders, tmp_path, monkeypatch):
+    from granphon.figures import comparison
+
+    def exchange(*_, **__):
+        rewrite(tmp_path)
+        return Figure()
+
+    run_scene(tmp_path, "other", "force: 3 N")
+    monkeypatch.setattr(comparison, "comparison_figure", exchange)
+    with pytest.raises(InputError, match="was written into while it was read"):
+        draw_together([tmp_path / "other", folders / "sweep"], tmp_path / "x.png")
+    assert not (tmp_path / "x.png").exists()
+    with pytest.raises(MissingFileError):
+        draw_together([tmp_path / "none"], tmp_path / "x.png")
+
+
+def rewrite(place: Path) -> None:
+    text = (place / "other.yaml").read_text(encoding="utf-8")
+    (place / "other.yaml").write_text(text.replace("3 N", "4 N"), encoding="utf-8")
+    Scene.from_yaml(place / "other.yaml").run(place / "other", force=True, figures=False)
