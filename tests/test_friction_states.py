@@ -6,7 +6,9 @@ import functools
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
+import ase.io
 import numpy as np
 import pytest
 import yaml
@@ -145,20 +147,60 @@ def test_progress_is_told():
 # -- forces -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("find", [lambda: cycle()[1], cube], ids=["triangular", "fcc"])
-def test_forces_and_torques_of_the_network_are_in_balance(find):
-    network = find().sample.network
+def find_imbalance(network):
+    """The largest force on a ball, or torque over the diameter, that the contacts of a network leave; N."""
     force = network.normal_force[:, None] * network.normal + network.tangential_force
     torque = np.cross(network.normal, network.tangential_force)
     pulls, turns = np.zeros((2, network.n_balls, 3))
     for end, sign, arm in ((network.j, 1.0, network.arm_j), (network.i, -1.0, network.arm_i)):
         np.add.at(pulls, end, sign * force)
         np.add.at(turns, end, -arm[:, None] * torque)
-    scale = np.mean(network.normal_force)
-    assert np.max(np.abs(network.tangential_force)) > 0.01 * scale
-    assert np.max(np.abs(pulls)) < 3e-9 * scale
-    assert np.max(np.abs(turns)) < 3e-9 * scale * PACKING.diameter
-    assert np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force))) < 1e-12 * scale
+    return max(np.max(np.linalg.norm(part, axis=1)) for part in (pulls, turns / PACKING.diameter))
+
+
+@pytest.mark.parametrize("find", [lambda: cycle()[1], cube], ids=["triangular", "fcc"])
+def test_forces_and_torques_of_the_network_are_in_balance(find):
+    state = find()
+    network = state.sample.network
+    assert np.max(np.abs(network.tangential_force)) > 0.01 * state.force
+    assert find_imbalance(network) < 1e-9 * state.force
+    assert np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force))) < 1e-12 * state.force
+
+
+@pytest.mark.claim("files-balance")
+@pytest.mark.parametrize(
+    ("find", "mu"), [(lambda: cycle()[2], 0.2), (lambda: cycle(math.inf)[1], math.inf), (cube, 0.2)],
+    ids=["unloaded", "without a limit", "fcc"],
+)  # fmt: skip
+def test_the_forces_in_files_are_those_of_the_state(find, mu, tmp_path):
+    sample, paths = find().sample, (tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    sample.network.write_tables(*paths)
+    read = gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
+    assert find_imbalance(read) < 1e-9 * sample.force
+    known = sample.contact_forces > 0.0
+    np.testing.assert_array_equal(read.normal_force, sample.contact_forces[known])
+    periods = PACKING.structure.periods if find is not cube else 3
+    np.testing.assert_array_equal(read.tangential_force[:, :periods], sample.tangential_forces[known])
+    names = {name for name in type(read).shapes if getattr(read, name) is not None} - {"labels"}
+    assert all(np.array_equal(getattr(read, name), getattr(sample.network, name)) for name in names)
+    gp.write_extxyz(tmp_path / "sample.extxyz", sample.atoms())
+    balls = ase.io.read(tmp_path / "sample.extxyz")
+    assert balls.info["friction_coefficient"] == mu
+    np.testing.assert_array_equal(balls.arrays["rotations"], sample.rotations.reshape(balls.arrays["rotations"].shape))
+    ends = np.concatenate([read.i, read.j])
+    sizes = np.linalg.norm(read.tangential_force, axis=1)
+    around = np.bincount(ends, np.tile(sizes, 2)) / len(sample.packing.structure.contacts) / 2.0 / sample.force
+    np.testing.assert_allclose(balls.arrays["tangential_force"], around, rtol=1e-9)
+    slides = (read.normal_force > 1e-6 * sample.force) & (sizes >= mu * read.normal_force * (1.0 - 1e-9))
+    assert balls.arrays["sliding_contacts"].tolist() == np.bincount(ends, np.tile(slides, 2)).tolist()
+    assert np.any(slides) == (mu < math.inf)
+
+
+def test_tangential_forces_of_a_table_are_across_the_normal():
+    network = cycle()[1].sample.network
+    for wrong, why in ((network.normal_force[:, None] * network.normal, "not across"), (math.nan, "not finite")):
+        with pytest.raises(InputError, match=f"contact 0 of the network has a tangential_force that is {why}"):
+            replace(network, tangential_force=network.tangential_force + wrong)
 
 
 def test_coulombs_limit_holds_and_is_counted():
@@ -317,18 +359,8 @@ def exact(width=2.04e-6, reduced=0.2, **more):
 def test_the_exact_geometry_is_in_balance_with_its_own_directions(given):
     state = exact(8e-5, 0.2, **given)
     network = state.sample.network
-    force = network.normal_force[:, None] * network.normal
-    if given:
-        force += network.tangential_force
-        torque = np.cross(network.normal, network.tangential_force)
-        turns = np.zeros((network.n_balls, 3))
-        np.add.at(turns, network.j, -network.arm_j[:, None] * torque)
-        np.add.at(turns, network.i, -network.arm_i[:, None] * torque)
-        assert np.max(np.abs(turns)) < 3e-9 * state.force * PACKING.diameter
-    pulls = np.zeros((network.n_balls, 3))
-    np.add.at(pulls, network.j, force)
-    np.add.at(pulls, network.i, -force)
-    assert np.max(np.abs(pulls)) < 3e-9 * state.force
+    whole = network if given else replace(network, tangential_force=np.zeros_like(network.normal))
+    assert find_imbalance(whole) < 1e-9 * state.force
     np.testing.assert_allclose(network.distance, network.arm_i + network.arm_j, rtol=1e-12)
     np.testing.assert_allclose(network.normal, network.vector / network.distance[:, None], atol=1e-12)
     overlap = network.radii[network.i] + network.radii[network.j] - network.distance
@@ -513,6 +545,9 @@ def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
         shear_response="stick",
     )  # fmt: skip
     state = medium.at_force(2.0)
+    tables = [tmp_path / "out" / name for name in ("sample_balls.csv", "sample_contacts.csv")]
+    read = gp.ContactNetwork.from_table(*tables, keep_rattlers=True)
+    np.testing.assert_array_equal(read.tangential_force, state.sample.network.tangential_force)
     summary = yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())
     for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "overlap", "normal_stiffness"):
         assert summary[name] == getattr(state, name)

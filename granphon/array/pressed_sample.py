@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,9 @@ from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
+
+if TYPE_CHECKING:
+    from ase import Atoms
 
 __all__ = ["SHEAR_RESPONSES", "ContinuedHistory", "PressedEquilibrium", "PressedSample"]
 
@@ -131,8 +134,8 @@ class PressedEquilibrium(Equilibrium):
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
         return PressedArray(
-            self.overlap, self._move(self.sheared), self.contacts, self.law, self.residual, self.work, self.slid, self.loosened, self.steps,
-            self.newton, self.conjugate,
+            self.overlap, self._move(self.sheared), self.contacts, self.law, self.residual, self.work, self.slid,
+            self.loosened, self.steps, self.newton, self.conjugate,
         )  # fmt: skip
 
     @property
@@ -313,6 +316,24 @@ class PressedSample(Sample):
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
         assert isinstance(equilibrium, PressedEquilibrium)
         return equilibrium.find_elasticity(equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending)
+
+    def atoms(self) -> Atoms:
+        """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.
+
+        ``rotations`` are those of the balls since the start. There are two more arrays: ``tangential_force``, the mean |T|
+        of a ball's contacts over the mean normal force of all, and ``sliding_contacts``, the number of its contacts that
+        carry load and slide. The forces of single contacts are in :attr:`network`, and in its tables.
+        """
+        balls, here = super().atoms(), self.equilibrium
+        contacts, stencils = here.contacts, self.equilibrium.stencils
+        slides = contacts.carried & (here.law.mobilise(contacts) >= SLIDES)
+        turns = self.rotations
+        balls.set_array("rotations", turns.reshape(len(balls), *balls.arrays["rotations"].shape[1:]))
+        tangential = self._order(stencils.average_around(contacts.tangential / here.force))
+        balls.set_array("tangential_force", tangential.ravel())
+        balls.set_array("sliding_contacts", self._order(stencils.around(slides.astype(int))).ravel())
+        balls.info["friction_coefficient"] = here.friction_coefficient
+        return balls
 
     def respond(self, shear_response: str) -> Self:
         """Return the same sample with another choice of the tangential stiffness under sound."""

@@ -8,12 +8,14 @@ if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
 __all__ = [
-    "DIAMETERS_FILE", "RESULT_FILES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files", "figure_name",
-    "list_files", "wave_figures", "wave_files",
+    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files",
+    "figure_name", "list_files", "wave_figures", "wave_files",
 ]  # fmt: skip
 
 #: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
+#: tables of the balls and contacts of a sample that was loaded with friction
+SAMPLE_TABLES = ("sample_balls.csv", "sample_contacts.csv")
 #: what a scene observes of the waves in the samples of a simulation, with the files of numbers that it gives
 WAVE_FILES: dict[str, tuple[str, ...]] = {
     "dos": ("sample_dos.json", "sample_dos.csv"), "spectrum": ("spectrum.json", "spectrum.csv"),
@@ -25,7 +27,8 @@ SWEEP_TABLES = {"dos": "sweep_dos.csv", "spectrum": "sweep_spectra.csv"}
 SWEEP_FIGURES = tuple(name.replace(".csv", ".png") for name in SWEEP_TABLES.values())
 #: names of all files that a run may write
 RESULT_FILES = (
-    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
+    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", *SAMPLE_TABLES,
+    "bands.png", "dos.png",
     "forces.png", *(name for names in WAVE_FILES.values() for name in (*names, names[0].replace(".json", ".png"))),
     "sweep.nc", "sweep.csv", "sweep.png",
     *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
@@ -76,6 +79,7 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         drawn.append(figure_name("bands" in scene.observe))
     if scene.rung.medium.simulates:
         names.append("sample.extxyz")
+        names += SAMPLE_TABLES if scene.rung.medium.settings["friction_history"] else ()
         drawn.append("forces.png")
         names += wave_files(scene.observe)
         drawn += wave_figures(scene.observe)
