@@ -338,10 +338,9 @@ def press_all(
     """
     order = loading.sort(prescribed)
     path = [prescribed[place] for place in order]
-    seeds = [None if balls.diameters is not None else balls.seed + index for index in range(balls.samples)]
     jobs = [
-        partial(press, balls.packing, seed, read_only(balls.deviations(index)), loading, path, balls.workers)
-        for index, seed in enumerate(seeds)
+        partial(press, balls.packing, balls.seed_of(one), read_only(balls.deviations(one)), loading, path, balls.workers)
+        for one in range(balls.samples)
     ]
     with progress.step("loading with friction", len(path) * len(jobs)) as step:
         if balls.executor is None:

@@ -121,6 +121,10 @@ class SampledBalls:
         """Number of balls of a sample."""
         return math.prod(self.cells) * self.packing.structure.n_balls
 
+    def seed_of(self, index: int) -> int | None:
+        """Return the seed of a sample; None if the diameters are given."""
+        return None if self.diameters is not None else self.seed + index
+
     def deviations(self, index: int) -> Array:
         """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
 

@@ -134,11 +134,6 @@ class SimulatedState(SampleMeans):
     :class:`~granphon.base.errors.InputError` if it is set.
     """
 
-    units = {
-        **SampleMeans.units, "contact_force_fluctuation": "1", "sliding_fraction": "1", "tangential_ratio": "1", "work": "J",
-        "dissipated_energy": "J",
-    }  # fmt: skip
-
     law: HertzLaw | SampleLaw = field(repr=False)
     samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
     spaced: bool = False
@@ -354,11 +349,10 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         else:
             jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
-        seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
-            Sample(self.packing, seed, column[place])
+            Sample(self.packing, self.seed_of(index), column[place])
             for place in range(load.size)
-            for seed, column in zip(seeds, found, strict=True)
+            for index, column in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load, overlap_given=said)
 
@@ -407,7 +401,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         """
         deviations = read_only(self.deviations(0))
         found = find_equilibrium(deviations, self.packing.structure, load, before, self.workers, self.ratio)
-        return Sample(self.packing, None if self.diameters is not None else self.seed, found)
+        return Sample(self.packing, self.seed_of(0), found)
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none."""
