@@ -18,7 +18,7 @@ from granphon.array.equilibrium import Prescribed
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.sweeps.records import RecordedState, SampleRecord
@@ -412,7 +412,7 @@ def test_lattices_that_only_friction_holds_start_from_the_gas():
         ({"start": math.nan}, "start: found"),
         ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
         ({"start": {"side_force": 1.0}}, "start: found"),
-        ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: a force"),
+        ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: one force in SI"),
         ({"start": Load("force", [1.0, 2.0])}, "start holds 2 loads"),
         ({"shear_response": "glue"}, "shear_response: found 'glue'; allowed: slide, stick, partial_slip"),
         ({"step_tolerance": 0.0}, "step_tolerance: found 0"),
@@ -428,6 +428,34 @@ def test_bad_options(given, why):
 
 
 @pytest.mark.parametrize(
+    ("start", "why"),
+    [
+        ({"force": [1.0, 2.0]}, r"start.force: found \[1.0, 2.0\]; allowed: one force in SI.* A loading starts at one load"),
+        ({"force": []}, r"start.force: found \[\]; allowed: one force"),
+        ({"force": "1 N"}, "start.force: found '1 N'; allowed: one force in SI, as a plain number"),
+        ({}, "start: found an empty block; allowed: one of {force"),
+        ({"force": 1.0, "overlap": 1e-7}, "start: found force and overlap; allowed: one of"),
+        ({"overlap": 1e-2}, "start of the loading: overlap = 0.01 m presses the balls together by 1.25 diameters"),
+        ({"overlap": -1e-2}, "start of the loading: overlap = -0.01 m: no balls touch"),
+        (1e6, "start of the loading: .* presses the balls together"),
+        ({"force": 1e-9}, r"start of the loading: a mean contact force of f\* = .* is below 1e-08"),
+    ],
+)
+def test_a_start_that_no_sample_bears_is_refused_at_once(start, why):
+    with pytest.raises(InputError, match=why):
+        simulation(start=start)
+
+
+def test_a_start_of_a_sweep_is_in_si_or_has_its_unit():
+    forces = []
+    for start in ({"force": 0.5}, {"force": "0.5 N"}, Load("force", 0.5)):
+        given = {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1.0, "start": start}
+        found = gp.sweep(PACKING, overlap=[0.2 * W], media=[{"simulation": {"shape": (4, 4), **given}}])
+        forces.append(float(found["force"].squeeze()))
+    assert forces == [simulation(shape=(4, 4), step_tolerance=1.0, start={"force": 0.5}).at_overlap(0.2 * W).force] * 3
+
+
+@pytest.mark.parametrize(
     ("packing", "shape", "why"),
     [
         (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), friction=False), (4, 4), "needs contacts with friction"),
@@ -440,10 +468,26 @@ def test_packings_without_a_history(packing, shape, why):
         simulation(shape=shape, packing=packing)
 
 
+def test_lattices_that_do_not_stand_are_told_what_simulates_them():
+    def refuse(lattice, friction=True, **more):
+        packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice=lattice, friction=friction)
+        with pytest.raises(MechanismError, match=f"the {lattice} lattice is not simulated") as error:
+            gp.DirectSimulation(packing, (4,) * packing.structure.periods, **more)
+        return str(error.value)
+
+    for lattice in ("square", "kagome", "sc"):
+        assert "friction_history: true with a friction_coefficient and start: gas simulates it" in refuse(lattice)
+    assert "friction: true of the packing and friction_history" in refuse("square", friction=False)
+    history = {"friction_history": True, "friction_coefficient": 0.2}
+    assert "Start the history at the gas (start: gas), from which friction holds it" in refuse("square", **history)
+    assert "Friction does not hold it either" in refuse("honeycomb")
+    assert "gas" not in refuse("honeycomb", **history)
+
+
 def test_a_start_below_the_threshold_is_named():
     with pytest.raises(InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"):
         simulation(start=0.3).at_overlap(0.1 * W)
-    with pytest.raises(InputError, match=r"starts below the threshold, at f\* = 1e-09"):
+    with pytest.raises(InputError, match=r"start of the loading: a mean contact force of f\* = 1e-09 is below 1e-08"):
         simulation(start={"force": 1e-9 * UNITS.force}).at_overlap(0.1 * W)
 
 
@@ -594,6 +638,11 @@ def test_a_width_is_fitted_with_friction():
         (options("friction_coefficient: 0.2"), r"friction_coefficient: found 0.2 without friction_history"),
         (options("friction_history: true", "friction_coefficient: -1"), "friction_coefficient: found -1"),
         (options("friction_history: true", "friction_coefficient: .nan"), "friction_coefficient: found"),
+        (
+            options(*HISTORY, "start: {force: [1 N, 2 N]}"),
+            r"start.force: found \['1 N', '2 N'\]; allowed: one force. A loading",
+        ),
+        (options(*HISTORY, "start: {overlap: 20 mm}"), r"found {overlap: 20 mm}; .* the start of the loading: overlap"),
         (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
         (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
@@ -607,3 +656,37 @@ def test_a_width_is_fitted_with_friction():
 def test_mistakes_in_a_scene(given, why):
     with pytest.raises(InputError, match=why):
         scene(medium=given).plan.require()
+
+
+#: a medium on lines of its own, the last of which is the start
+LINES = """
+  - ema
+  - simulation:
+      shape: 4 4
+      friction_history: true
+      friction_coefficient: 0.2
+      start: """
+
+
+@pytest.mark.parametrize(
+    ("load", "start", "where"),
+    [
+        ("{force: 2 N}", "0.3", r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold"),
+        ("{force: [2 N, 9 N]}", "0.3", r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold"),
+        ("{force: 2 N}", "{force: 1 GN}", r":12: medium.1.simulation.start: found {force: 1 GN}; allowed: .* together"),
+        ("{force: 2 N}", "{force: 5 N}", r":5: load.force: found '2 N'; .* is below the start of the loading"),
+    ],
+)
+def test_mistakes_of_the_start_are_placed_at_the_start(load, start, where, tmp_path):
+    with pytest.raises(SceneError, match=where):
+        scene(load=load, medium=LINES + start).run(tmp_path / "out", figures=False)
+    assert not list(tmp_path.glob("out/[!.]*"))
+
+
+def test_a_start_by_default_that_fails_is_placed_at_the_medium(tmp_path, monkeypatch):
+    def fail(self):
+        raise InputError("it starts below the threshold")
+
+    monkeypatch.setattr(LoadingHistory, "begin", fail)
+    with pytest.raises(SceneError, match=r":6: medium: found no start; allowed: .* below the threshold"):
+        scene().run(tmp_path / "out", figures=False)

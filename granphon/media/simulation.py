@@ -405,9 +405,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none."""
-        # diameters that are given may be larger than the largest of the packing's spread
-        given = self.packing.width_units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
-        require_load(self.packing, load, max(given, self.packing.spread.largest if self.packing.spread else 0.0))
+        require_load(self.packing, load, self._largest)
 
 
 def no_finite_overlap(medium: str) -> InputError:

@@ -200,7 +200,7 @@ class Plan:
             # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
             listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
             later = self.scene.is_sweep and listed
-            with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
+            with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
                 if isinstance(medium, EffectiveMedium) and packing.width and not later:
                     _ = medium.local_field  # the state needs it, and not every lattice has one
