@@ -19,6 +19,7 @@ from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
+from granphon.figures.sweeps import sweep_figure
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.sweeps.records import RecordedState, SampleRecord
@@ -690,3 +691,16 @@ def test_a_start_by_default_that_fails_is_placed_at_the_medium(tmp_path, monkeyp
     monkeypatch.setattr(LoadingHistory, "begin", fail)
     with pytest.raises(SceneError, match=r":6: medium: found no start; allowed: .* below the threshold"):
         scene().run(tmp_path / "out", figures=False)
+
+
+def test_a_path_is_drawn_in_its_order():
+    given = {"friction_history": True, "friction_coefficient": 0.1, "step_tolerance": 0.1, "ordered": True}
+    loads = np.array([0.1, 0.3, 0.2, 0.1]) * W
+    media = ["ema", {"simulation": {"shape": (4, 4), **given}}]
+    figure = sweep_figure(gp.sweep(PACKING, overlap=loads, media=media))
+    lines = [line for line in figure.axes[0].lines if line.get_gid() == "longitudinal-all"]
+    (one,) = [line for line in lines if line.get_linestyle() == "-" and line.get_marker() == "o"]
+    np.testing.assert_array_equal(one.get_xdata(), loads)
+    (fallen,) = [line for line in figure.axes[0].lines if line.get_gid() == "longitudinal-falling"]
+    np.testing.assert_array_equal(fallen.get_xdata(), loads[2:])
+    np.testing.assert_array_equal(fallen.get_ydata(), one.get_ydata()[2:])

@@ -8,6 +8,7 @@ valid.
 from __future__ import annotations
 
 import itertools
+import json
 from typing import TYPE_CHECKING, Any
 
 # before matplotlib, whose import this module guards
@@ -52,6 +53,7 @@ _VELOCITIES = {
 #: of the two transverse waves in space the fast one has an ordinary line, the slow one is dash-dotted; points differ too
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
+_FALLEN = "v"
 _MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
 #: names of media in legends
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium"}
@@ -71,7 +73,8 @@ def plot_sweep(
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
     elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
-    line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
+    line but points, open where it is not valid; of several samples they are means, with bars of their standard errors. On an
+    ordered path a line joins the points in its order, and triangles mark those that are reached by a fall of ``x``.
     The slow transverse wave in space has a dash-dotted line.
 
     Raises
@@ -86,7 +89,8 @@ def plot_sweep(
         horizontal, vertical, inside = (
             np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
         )
-        order = np.argsort(horizontal, kind="stable")
+        on_path = _is_path(dataset, index)
+        order = np.arange(horizontal.size) if on_path else np.argsort(horizontal, kind="stable")
         horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
         simulated = _is_simulated(dataset, index)
         marker = _MARKERS.get(variable, "o") if simulated or order.size == 1 else ""
@@ -98,13 +102,17 @@ def plot_sweep(
             if np.any(deviation > 0.0):
                 bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": colour, "gid": f"{variable}-errors"}
                 ax.errorbar(horizontal, vertical, deviation, **bars)
-            thin |= {"linestyle": "none"}
+            thin |= {"linestyle": "-", "linewidth": 0.6} if on_path else {"linestyle": "none"}
             solid |= {"linestyle": "none"}
         else:
             thin |= {"linewidth": 0.7, "dashes": (3.0, 1.5)}
             solid |= {"linewidth": width} | ({"dashes": _SLOW_DASHES} if variable == _SLOW else {})
         ax.plot(horizontal, vertical, **thin)
         ax.plot(horizontal, np.where(inside, vertical, np.nan), **solid)
+        falls = np.diff(horizontal, prepend=horizontal[0]) < 0.0
+        if on_path and np.any(falls):
+            fallen = solid | {"marker": _FALLEN, "markersize": 5.0, "gid": f"{variable}-falling"}
+            ax.plot(horizontal[falls], np.where(inside, vertical, np.nan)[falls], **fallen)
     for which, values, name in (("x", along, x), ("y", across, variable)):
         scale_axis(ax, which, np.asarray(values))
         ax.set(**{f"{which}label": axis_label(name, dataset[name].attrs.get("units", ""))})
@@ -121,6 +129,12 @@ def find_load(dataset: Dataset) -> str:
 def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
     """Return whether the medium at ``index`` is a simulation, by its label."""
     return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
+
+
+def _is_path(dataset: Dataset, index: dict[str, int]) -> bool:
+    """Return whether the medium at ``index`` takes the loads in the order given, up and down."""
+    options = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
+    return bool(options.get("ordered"))
 
 
 def _drop_directions(dataset: Dataset, variable: str) -> Dataset:
