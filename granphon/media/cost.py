@@ -97,6 +97,8 @@ _CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, (10.0, 3.0)
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
 _HEARD_BYTES = 60.0
+#: time of one reading of one ball for each product of a pulse, s
+_READING_TIME = 12e-9
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes
@@ -398,16 +400,18 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
 
 
-def array_waves(products: float, balls: int, contacts: float, rows: float, heard: float = 0.0) -> Cost:
+def array_waves(
+    products: float, balls: int, contacts: float, rows: float, heard: float = 0.0, readings: float = 0.0
+) -> Cost:
     """Estimate the cost of waves in an array with ``contacts`` and ``rows`` of their deformations for each of the ``balls``.
 
-    ``products`` is the number of products of the dynamical matrix with a vector, and ``heard`` the number of products of a
-    pulse times that of the balls that hear it. Seconds and bytes were measured on the
-    triangular lattice and on fcc, with 2,500 to 1e6 balls.
+    ``products`` is the number of products of the dynamical matrix with a vector, ``heard`` the number of products of a
+    pulse times that of the balls that hear it, and ``readings`` that number times the times at which they hear it, in all
+    samples. Seconds and bytes were measured on the triangular lattice and on fcc, with 2,500 to 1e6 balls.
     """
     what = f"waves in {balls:,} balls"
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
-    return Cost(working=memory, known=7e-9 * products * balls * rows, parts=(what,))
+    return Cost(working=memory, known=7e-9 * products * balls * rows + _READING_TIME * readings, parts=(what,))
 
 
 def cluster_media(count: int, balls: float) -> Cost:

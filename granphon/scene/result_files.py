@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files",
-    "figure_name", "list_files", "wave_figures", "wave_files",
+    "figure_name", "list_files", "tell_undrawn", "wave_figures", "wave_files",
 ]  # fmt: skip
 
 #: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
@@ -58,14 +58,21 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
     return numbers + (drawn if figures else ())
 
 
+def tell_undrawn(scene: Scene) -> str:
+    """Say which figure a sweep has not, and why; an empty text if it has all."""
+    varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
+    if not scene.is_sweep or len(varied) <= 1:
+        return ""
+    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
+
+
 def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run of ``scene`` writes."""
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
     drawn = []
     if scene.is_sweep:
         names += ["sweep.nc", "sweep.csv"]
-        lists = [values for _, values in scene.parameters] + [scene.directions]
-        if sum(len(values) > 1 for values in lists) <= 1:  # lines can show one parameter only, or directions
+        if not tell_undrawn(scene):
             drawn.append("sweep.png")
         tables = [table for name, table in SWEEP_TABLES.items() if name in scene.observe]
         names += tables
