@@ -266,3 +266,9 @@ def test_damaged_results_are_named_with_their_file(done, tmp_path):
         with pytest.raises(gp.GranphonError, match=said) as caught:
             read_waves(tmp_path / "pulse.json")
         assert "pulse.json" in str(caught.value)
+
+
+def test_corners_of_a_path_in_numbers_are_labelled_with_their_numbers(tmp_path):
+    text = ARRAY + "observe: [spectrum]\nspectrum: {points: 3}\nphonopy: {band: 0 0 0 1/3 1/3 0 1/2 0 0}\n"
+    labels = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).waves.spectra.labels
+    assert labels == ("0 0 0", "0.3333 0.3333 0", "0.5 0 0")
