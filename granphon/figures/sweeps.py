@@ -133,7 +133,7 @@ def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
 
 def _is_path(dataset: Dataset, index: dict[str, int]) -> bool:
     """Return whether the medium at ``index`` takes the loads in the order given, up and down."""
-    options = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
+    options: dict[str, Any] = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
     return bool(options.get("ordered"))
 
 

@@ -113,11 +113,11 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     kinds = ("force", "pressure", "overlap")
     if isinstance(value, Mapping):
         if len(value) != 1 or next(iter(value)) not in kinds:
-            found = " and ".join(map(str, value)) or "an empty block"
-            raise Refused(found, "one of " + ", ".join(f"{{{kind}: ...}}" for kind in kinds))
+            told = " and ".join(map(str, value)) or "an empty block"
+            raise Refused(told, "one of " + ", ".join(f"{{{kind}: ...}}" for kind in kinds))
         kind, given = next(iter(value.items()))
         one = f"one {kind}{'' if load else ' in SI, as a plain number'}"
-        if isinstance(given, list | tuple | Mapping | np.ndarray) and np.ndim(given):
+        if isinstance(given, list | tuple | Mapping) or (isinstance(given, np.ndarray) and given.ndim):
             raise Refused(show(given), one, "A loading starts at one load.", (kind,))
         if load is None and not math.isfinite(real_number(given)):
             raise Refused(show(given), one, path=(kind,))
