@@ -495,9 +495,27 @@ def test_a_start_below_the_threshold_is_named():
 @pytest.mark.parametrize("kind", ["overlap", "force"])
 def test_a_load_below_the_start_is_named(kind):
     loads = {"overlap": [0.1 * W, -0.02 * W], "force": [0.5, 0.01]}[kind]
-    with pytest.raises(InputError, match=r"below the start of the loading, f\* = .* give a lower start") as error:
-        getattr(simulation(), f"at_{kind}")(loads)
-    assert error.value.load_index == 1
+    for start in (None, 0.5, {kind: {"overlap": 0.0, "force": 0.2}[kind]}):
+        with pytest.raises(InputError, match=r"below the start of the loading, (f|a)\* = .* give a lower start") as error:
+            getattr(simulation(start=start), f"at_{kind}")(loads)
+        assert error.value.load_index == 1
+
+
+def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkeypatch):
+    def solve(*given):
+        raise AssertionError("nothing is solved")
+
+    monkeypatch.setattr(LoadingHistory, "begin", solve)
+    for load, start in (
+        ("overlap: -0.3 um", ""),
+        ("force: 1 N", "start: {force: 1.5 N}"),
+        ("overlap: 0.1 um", "start: 0.7"),
+    ):
+        with pytest.raises(SceneError, match=r":5: load.* below the start of the loading"):
+            scene(load=f"{{{load}}}", medium=options(*HISTORY, *[start] * bool(start)))
+    with pytest.raises(SceneError, match=r":5: load.force.1: found '1 N'; .* below the start of the loading"):
+        scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "start: {force: 1.5 N}"))
+    assert scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")).is_sweep
 
 
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):

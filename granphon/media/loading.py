@@ -29,7 +29,8 @@ from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
     "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "friction_coefficient", "press",
-    "press_all", "read_loading", "read_start", "refuse_without_history", "step_tolerance",
+    "press_all", "read_loading", "read_start", "refuse_without_history", "require_above",
+    "step_tolerance",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -301,7 +302,7 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
         error.option = "start"
         raise
     if not loading.ordered:
-        _require_above(here.overlap, here.force, path)
+        require_above(Prescribed(here.overlap, here.force), path)
     states = history.path(path)
     for place in range(len(path)):
         try:
@@ -334,14 +335,21 @@ def _find_stored(start: Prescribed | str) -> float:
     return float(0.4 * overlap**2.5)
 
 
-def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start."""
+def require_above(start: Prescribed, path: Sequence[Prescribed]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start.
+
+    Of a start that is prescribed as a force alone overlaps are not looked at, and of one as an overlap forces.
+    """
     for place, load in enumerate(path):
-        low = load.force < force * (1.0 - _ROUNDING) if load.overlap is None else load.overlap < overlap - _ROUNDING
+        if load.overlap is None:
+            low = load.force < start.force * (1.0 - _ROUNDING)
+        else:
+            low = start.overlap is not None and load.overlap < start.overlap - _ROUNDING
         if low:
-            what = (
-                f"the load {_describe(load)} is below the start of the loading, f* = {force:.4g} at a* = {overlap + 0.5:.4g}"
-            )
+            there = f"f* = {start.force:.4g}" if start.force else ""
+            there += " at " * bool(there and start.overlap is not None)
+            there += f"a* = {start.overlap + 0.5:.4g}" if start.overlap is not None else ""
+            what = f"the load {_describe(load)} is below the start of the loading, {there}"
             mend = (
                 "Raise the load, give a lower start, or unload along a path: simulation.path(...), in a scene ordered: true"
             )

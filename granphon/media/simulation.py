@@ -29,7 +29,7 @@ from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tenso
 from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
-from granphon.media.loading import LoadedBalls, Loading, press_all
+from granphon.media.loading import LoadedBalls, Loading, press_all, require_above
 from granphon.media.medium import Loaded
 from granphon.media.sample_means import SampleMeans
 from granphon.media.state import overlap_flag
@@ -404,8 +404,14 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         return Sample(self.packing, self.seed_of(0), found)
 
     def require(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none."""
+        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none.
+
+        It may be below the start of a loading, as far as that is known before the start is found.
+        """
         require_load(self.packing, load, self._largest)
+        loading = self.loading
+        if loading is not None and not loading.ordered and isinstance(loading.start, Prescribed) and self.packing.width:
+            require_above(loading.start, prescribe(self.packing, load))
 
 
 def no_finite_overlap(medium: str) -> InputError:
