@@ -468,7 +468,7 @@ def dos_fields(results: Results) -> str:
 
 def sample_fields(results: Results) -> str:
     """Arrays and scalars of sample.extxyz."""
-    head = (results.folder / "array" / "sample.extxyz").read_text(encoding="utf-8").splitlines()[1]
+    head = (results.folder / "loaded" / "sample.extxyz").read_text(encoding="utf-8").splitlines()[1]
     columns = re.search(r"Properties=(\S+)", head)[1].split(":")  # type: ignore[index]
     names = [(name, int(count)) for name, _, count in zip(columns[::3], columns[1::3], columns[2::3], strict=True)]
     rows = []

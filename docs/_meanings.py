@@ -145,6 +145,11 @@ FILES = {
     "phonopy_params.yaml": ("`bands`", "force constants for phonopy and Euphonic, see [below](#phonopy_paramsyaml)"),
     "dos.csv": ("`dos`", "density of states, see [below](#doscsv)"),
     "sample.extxyz": ("a simulation at one load", "the balls of the first sample, see [below](#sampleextxyz)"),
+    "sample_balls.csv": (
+        "a simulation with `friction_history` at one load",
+        "the balls of the first sample, see [below](#sample_ballscsv-and-sample_contactscsv)",
+    ),
+    "sample_contacts.csv": ("the same", "its contacts that carry load, with normal and tangential forces"),
     "bands.png": ("`bands`", "the bands, with the density of states beside them if it was asked for"),
     "dos.png": ("`dos` without `bands`", "the density of states"),
     "sample_dos.json": ("`dos`, a simulation", "density of states of the first sample, for `gp.SpectralDensity.from_dict`"),
@@ -210,8 +215,9 @@ FIELDS = {
     "slip_origin": "displacements at which contacts do not slip",
     "granphon_scales": "logarithms of the three units below, which some programs lose",
     "granphon_kind": "2, the kind of balls in a sample",
-    "rotations": "angle of rotation; zero, as samples are in static equilibrium",
+    "rotations": "angle of rotation since the start of a loading with friction; otherwise zero",
     "contacts": "number of contacts that carry load",
+    "friction_coefficient": "μ of the contacts; with `friction_history`",
     "stderr": "standard error of the width; nan where it would rest on a scatter below the rounding of the data",
     "std": "standard deviation of the diameters, W/√12",
     "std_stderr": "standard error of the standard deviation",
@@ -267,7 +273,14 @@ MEASURED = {
     "failure": "reason why it was not run; empty if it was run",
 }
 #: of a sample, the mean force of a ball's contacts
-SAMPLE = {"contact_force": ("mean force of the contacts of the ball, over that of all contacts", "1")}
+SAMPLE = {
+    "contact_force": ("mean force of the contacts of the ball, over that of all contacts", "1"),
+    "tangential_force": (
+        "mean tangential force of the contacts of the ball, over the mean normal force; with `friction_history`",
+        "1",
+    ),
+    "sliding_contacts": ("number of contacts that carry load and slide; with `friction_history`", ""),
+}
 #: variables of a sweep that are not observables
 SWEPT = {
     "medium": "the medium, with its options",

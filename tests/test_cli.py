@@ -226,7 +226,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "simulation of another lattice": (
         "lattice: triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: ala",
         "lattice: square\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: simulation", 12, "medium", "'simulation'",
-        "a medium for this lattice", "the square lattice is not simulated",
+        "a medium for the", "the square lattice is not simulated",
     ),
     "two media in a block": ("medium: ala", "medium: {ala: , ema: }", 12, "medium", "a block of keys", "ala, afa, ema", ""),
     "no medium in a list": ("medium: ala", "medium: []", 12, "medium", "an empty list", "a list of one or more media", ""),

@@ -12,6 +12,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.media import cost
 from granphon.media.cost import estimate
+from granphon.media.history_cost import count_iterations, count_steps
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
@@ -258,6 +259,55 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
     tracemalloc.stop()
     # less than what is announced, and not less than a quarter of it
     assert 0.25 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+def pressed(mu, shape=(20, 20), **more):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))
+    return gp.DirectSimulation(packing, shape, friction_history=True, friction_coefficient=mu, **more)
+
+
+@pytest.mark.parametrize(
+    ("mu", "spacings", "tolerance"),
+    [
+        (np.inf, (0.6, 0.8, 1.0), 1e-4), (0.2, (0.6, 0.8, 1.0), 1e-4), (0.1, (0.7,), 1e-2), (0.0, (0.6, 0.8), 1e-4),
+        *[pytest.param(*case, marks=pytest.mark.exhaustive) for case in ((0.05, (0.6, 0.7), 1e-4), (0.02, (0.6,), 1e-4))],
+    ],
+)  # fmt: skip
+def test_iterations_of_a_history_are_those_of_the_solver(mu, spacings, tolerance):
+    medium, path = pressed(mu, step_tolerance=tolerance), np.array(spacings)
+    done = medium.at_overlap((path - 0.5) * WIDTH).samples[-1].equilibrium
+    counted = count_steps(medium.loading, path, 0.5) * count_iterations(medium.balls, mu)
+    assert 0.25 < counted / done.conjugate < 4.0
+
+
+def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():
+    load = Load("overlap", 0.2 * WIDTH)
+    times = [estimate(pressed(mu), load).work for mu in (np.inf, 0.5, 0.2, 0.1, 0.05, 0.02)]
+    assert np.all(np.diff(times) > 0.0)
+    assert times[-1] > 30.0 * times[0]
+    assert estimate(pressed(0.0), load).work == times[0]  # no contact ever sticks
+    usual = times[2]
+    assert estimate(pressed(0.2, step_tolerance=1e-5), load).work > 2.0 * usual
+    assert estimate(pressed(0.2, start=0.65), load).work < 0.5 * usual
+    assert estimate(pressed(0.2, start={"overlap": 0.15 * WIDTH}), load).work < 0.5 * usual
+    assert estimate(pressed(0.2, start="gas"), load).work > 10.0 * usual
+    assert estimate(pressed(0.2, geometry="exact"), load).work > 2.0 * usual
+    cycle = Load("overlap", np.array([0.2, 0.0, 0.2]) * WIDTH)
+    assert estimate(pressed(0.2, ordered=True), cycle).work > 2.0 * estimate(pressed(0.2), cycle).work
+
+
+@pytest.mark.parametrize(
+    ("given", "bounds"),
+    [
+        ({}, False), ({"start": "gas"}, True), ({"mu": 0.01}, True), ({"mu": 0.0}, False), ({"mu": np.inf}, False),
+        ({"step_tolerance": 1e-6}, True),
+    ],
+)  # fmt: skip
+def test_an_estimate_that_rests_on_no_count_is_a_lower_bound(given, bounds):
+    guess = estimate(pressed(**{"mu": 0.2, **given}), Load("overlap", 0.2 * WIDTH))
+    assert guess.bounds == bounds
+    assert ("and at least " in guess.text) == bounds
+    assert (guess + cost.Cost()).bounds == guess.times(3).bounds == bounds
 
 
 @pytest.mark.claim("told-above")

@@ -483,15 +483,15 @@ MISTAKES = {
     ),
     "effective medium of a mechanism": (
         "lattice: sc, friction: false, spread: {uniform: 1 um}", "", "observe: [bands]\nmedium: ema", "5: medium", "'ema'",
-        "a medium for this lattice", "Use friction",
+        "a medium for the", "Use friction",
     ),
     "effective medium of a mechanism by default": (
         "lattice: sc, friction: false, spread: {uniform: 1 um}", "", "observe: [bands]", "1: medium", "'ema', the default",
-        "a medium for this lattice", "Use friction",
+        "a medium for the", "Use friction",
     ),
     "simulation in space": (
         "lattice: sc, spread: {uniform: 1 um}", "", "medium: simulation", "4: medium", "'simulation'",
-        "a medium for this lattice", "does not stand without friction",
+        "a medium for the", "does not stand without friction",
     ),
     "choice of medium in space": (
         "lattice: sc, spread: {uniform: 1 um}", "", "medium: auto", "4: medium", "'auto'", "a tolerance",

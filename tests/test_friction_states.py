@@ -6,7 +6,9 @@ import functools
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
+import ase.io
 import numpy as np
 import pytest
 import yaml
@@ -16,7 +18,8 @@ from granphon.array.equilibrium import Prescribed
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
+from granphon.figures.sweeps import sweep_figure
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.sweeps.records import RecordedState, SampleRecord
@@ -57,7 +60,7 @@ def test_states_are_those_of_the_history():
         assert state.work == pytest.approx(UNITS.energy * known.work, rel=1e-14)
         assert state.dissipated_energy == pytest.approx(UNITS.energy * known.dissipated, rel=1e-14)
         assert state.sample.energy == pytest.approx(UNITS.energy * known.stored, rel=1e-12)
-        assert state.sliding_fraction == pytest.approx(known.sliding_fraction, abs=1e-12)
+        assert state.sliding_fraction == known.sliding_fraction
 
 
 def test_a_path_keeps_its_order_and_monotonic_loading_sorts():
@@ -145,20 +148,60 @@ def test_progress_is_told():
 # -- forces -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("find", [lambda: cycle()[1], cube], ids=["triangular", "fcc"])
-def test_forces_and_torques_of_the_network_are_in_balance(find):
-    network = find().sample.network
+def find_imbalance(network):
+    """The largest force on a ball, or torque over the diameter, that the contacts of a network leave; N."""
     force = network.normal_force[:, None] * network.normal + network.tangential_force
     torque = np.cross(network.normal, network.tangential_force)
     pulls, turns = np.zeros((2, network.n_balls, 3))
     for end, sign, arm in ((network.j, 1.0, network.arm_j), (network.i, -1.0, network.arm_i)):
         np.add.at(pulls, end, sign * force)
         np.add.at(turns, end, -arm[:, None] * torque)
-    scale = np.mean(network.normal_force)
-    assert np.max(np.abs(network.tangential_force)) > 0.01 * scale
-    assert np.max(np.abs(pulls)) < 3e-9 * scale
-    assert np.max(np.abs(turns)) < 3e-9 * scale * PACKING.diameter
-    assert np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force))) < 1e-12 * scale
+    return max(np.max(np.linalg.norm(part, axis=1)) for part in (pulls, turns / PACKING.diameter))
+
+
+@pytest.mark.parametrize("find", [lambda: cycle()[1], cube], ids=["triangular", "fcc"])
+def test_forces_and_torques_of_the_network_are_in_balance(find):
+    state = find()
+    network = state.sample.network
+    assert np.max(np.abs(network.tangential_force)) > 0.01 * state.force
+    assert find_imbalance(network) < 1e-9 * state.force
+    assert np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force))) < 1e-12 * state.force
+
+
+@pytest.mark.claim("files-balance")
+@pytest.mark.parametrize(
+    ("find", "mu"), [(lambda: cycle()[2], 0.2), (lambda: cycle(math.inf)[1], math.inf), (cube, 0.2)],
+    ids=["unloaded", "without a limit", "fcc"],
+)  # fmt: skip
+def test_the_forces_in_files_are_those_of_the_state(find, mu, tmp_path):
+    sample, paths = find().sample, (tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    sample.network.write_tables(*paths)
+    read = gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
+    assert find_imbalance(read) < 1e-9 * sample.force
+    known = sample.contact_forces > 0.0
+    np.testing.assert_array_equal(read.normal_force, sample.contact_forces[known])
+    periods = PACKING.structure.periods if find is not cube else 3
+    np.testing.assert_array_equal(read.tangential_force[:, :periods], sample.tangential_forces[known])
+    names = {name for name in type(read).shapes if getattr(read, name) is not None} - {"labels"}
+    assert all(np.array_equal(getattr(read, name), getattr(sample.network, name)) for name in names)
+    gp.write_extxyz(tmp_path / "sample.extxyz", sample.atoms())
+    balls = ase.io.read(tmp_path / "sample.extxyz")
+    assert balls.info["friction_coefficient"] == mu
+    np.testing.assert_array_equal(balls.arrays["rotations"], sample.rotations.reshape(balls.arrays["rotations"].shape))
+    ends = np.concatenate([read.i, read.j])
+    sizes = np.linalg.norm(read.tangential_force, axis=1)
+    around = np.bincount(ends, np.tile(sizes, 2)) / len(sample.packing.structure.contacts) / 2.0 / sample.force
+    np.testing.assert_allclose(balls.arrays["tangential_force"], around, rtol=1e-9)
+    slides = (read.normal_force > 1e-6 * sample.force) & (sizes >= mu * read.normal_force * (1.0 - 1e-9))
+    assert balls.arrays["sliding_contacts"].tolist() == np.bincount(ends, np.tile(slides, 2)).tolist()
+    assert np.any(slides) == (mu < math.inf)
+
+
+def test_tangential_forces_of_a_table_are_across_the_normal():
+    network = cycle()[1].sample.network
+    for wrong, why in ((network.normal_force[:, None] * network.normal, "not across"), (math.nan, "not finite")):
+        with pytest.raises(InputError, match=f"contact 0 of the network has a tangential_force that is {why}"):
+            replace(network, tangential_force=network.tangential_force + wrong)
 
 
 def test_coulombs_limit_holds_and_is_counted():
@@ -232,6 +275,7 @@ def test_springs_at_more_contacts_make_the_array_stiffer():
 def test_without_friction_the_states_are_those_of_today():
     smooth = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.2 * W)
     none = simulation(0.0).at_overlap(0.2 * W)
+    assert none.sliding_fraction == none.sample.equilibrium.resume().sliding_fraction == 1.0  # without a limit, all contacts
     np.testing.assert_allclose(none.sample.contact_forces, smooth.sample.contact_forces, atol=1e-7 * smooth.force)
     bare = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), friction=False), (6, 6)).at_overlap(0.2 * W)
     scale = smooth.elastic_tensor[0, 0]
@@ -316,18 +360,8 @@ def exact(width=2.04e-6, reduced=0.2, **more):
 def test_the_exact_geometry_is_in_balance_with_its_own_directions(given):
     state = exact(8e-5, 0.2, **given)
     network = state.sample.network
-    force = network.normal_force[:, None] * network.normal
-    if given:
-        force += network.tangential_force
-        torque = np.cross(network.normal, network.tangential_force)
-        turns = np.zeros((network.n_balls, 3))
-        np.add.at(turns, network.j, -network.arm_j[:, None] * torque)
-        np.add.at(turns, network.i, -network.arm_i[:, None] * torque)
-        assert np.max(np.abs(turns)) < 3e-9 * state.force * PACKING.diameter
-    pulls = np.zeros((network.n_balls, 3))
-    np.add.at(pulls, network.j, force)
-    np.add.at(pulls, network.i, -force)
-    assert np.max(np.abs(pulls)) < 3e-9 * state.force
+    whole = network if given else replace(network, tangential_force=np.zeros_like(network.normal))
+    assert find_imbalance(whole) < 1e-9 * state.force
     np.testing.assert_allclose(network.distance, network.arm_i + network.arm_j, rtol=1e-12)
     np.testing.assert_allclose(network.normal, network.vector / network.distance[:, None], atol=1e-12)
     overlap = network.radii[network.i] + network.radii[network.j] - network.distance
@@ -379,7 +413,7 @@ def test_lattices_that_only_friction_holds_start_from_the_gas():
         ({"start": math.nan}, "start: found"),
         ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
         ({"start": {"side_force": 1.0}}, "start: found"),
-        ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: a force"),
+        ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: one force in SI"),
         ({"start": Load("force", [1.0, 2.0])}, "start holds 2 loads"),
         ({"shear_response": "glue"}, "shear_response: found 'glue'; allowed: slide, stick, partial_slip"),
         ({"step_tolerance": 0.0}, "step_tolerance: found 0"),
@@ -395,6 +429,34 @@ def test_bad_options(given, why):
 
 
 @pytest.mark.parametrize(
+    ("start", "why"),
+    [
+        ({"force": [1.0, 2.0]}, r"start.force: found \[1.0, 2.0\]; allowed: one force in SI.* A loading starts at one load"),
+        ({"force": []}, r"start.force: found \[\]; allowed: one force"),
+        ({"force": "1 N"}, "start.force: found '1 N'; allowed: one force in SI, as a plain number"),
+        ({}, "start: found an empty block; allowed: one of {force"),
+        ({"force": 1.0, "overlap": 1e-7}, "start: found force and overlap; allowed: one of"),
+        ({"overlap": 1e-2}, "start of the loading: overlap = 0.01 m presses the balls together by 1.25 diameters"),
+        ({"overlap": -1e-2}, "start of the loading: overlap = -0.01 m: no balls touch"),
+        (1e6, "start of the loading: .* presses the balls together"),
+        ({"force": 1e-9}, r"start of the loading: a mean contact force of f\* = .* is below 1e-08"),
+    ],
+)
+def test_a_start_that_no_sample_bears_is_refused_at_once(start, why):
+    with pytest.raises(InputError, match=why):
+        simulation(start=start)
+
+
+def test_a_start_of_a_sweep_is_in_si_or_has_its_unit():
+    forces = []
+    for start in ({"force": 0.5}, {"force": "0.5 N"}, Load("force", 0.5)):
+        given = {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1.0, "start": start}
+        found = gp.sweep(PACKING, overlap=[0.2 * W], media=[{"simulation": {"shape": (4, 4), **given}}])
+        forces.append(float(found["force"].squeeze()))
+    assert forces == [simulation(shape=(4, 4), step_tolerance=1.0, start={"force": 0.5}).at_overlap(0.2 * W).force] * 3
+
+
+@pytest.mark.parametrize(
     ("packing", "shape", "why"),
     [
         (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), friction=False), (4, 4), "needs contacts with friction"),
@@ -407,19 +469,53 @@ def test_packings_without_a_history(packing, shape, why):
         simulation(shape=shape, packing=packing)
 
 
+def test_lattices_that_do_not_stand_are_told_what_simulates_them():
+    def refuse(lattice, friction=True, **more):
+        packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice=lattice, friction=friction)
+        with pytest.raises(MechanismError, match=f"the {lattice} lattice is not simulated") as error:
+            gp.DirectSimulation(packing, (4,) * packing.structure.periods, **more)
+        return str(error.value)
+
+    for lattice in ("square", "kagome", "sc"):
+        assert "friction_history: true with a friction_coefficient and start: gas simulates it" in refuse(lattice)
+    assert "friction: true of the packing and friction_history" in refuse("square", friction=False)
+    history = {"friction_history": True, "friction_coefficient": 0.2}
+    assert "Start the history at the gas (start: gas), from which friction holds it" in refuse("square", **history)
+    assert "Friction does not hold it either" in refuse("honeycomb")
+    assert "gas" not in refuse("honeycomb", **history)
+
+
 def test_a_start_below_the_threshold_is_named():
     with pytest.raises(InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"):
         simulation(start=0.3).at_overlap(0.1 * W)
-    with pytest.raises(InputError, match=r"starts below the threshold, at f\* = 1e-09"):
+    with pytest.raises(InputError, match=r"start of the loading: a mean contact force of f\* = 1e-09 is below 1e-08"):
         simulation(start={"force": 1e-9 * UNITS.force}).at_overlap(0.1 * W)
 
 
 @pytest.mark.parametrize("kind", ["overlap", "force"])
 def test_a_load_below_the_start_is_named(kind):
     loads = {"overlap": [0.1 * W, -0.02 * W], "force": [0.5, 0.01]}[kind]
-    with pytest.raises(InputError, match=r"below the start of the loading, f\* = .* give a lower start") as error:
-        getattr(simulation(), f"at_{kind}")(loads)
-    assert error.value.load_index == 1
+    for start in (None, 0.5, {kind: {"overlap": 0.0, "force": 0.2}[kind]}):
+        with pytest.raises(InputError, match=r"below the start of the loading, (f|a)\* = .* give a lower start") as error:
+            getattr(simulation(start=start), f"at_{kind}")(loads)
+        assert error.value.load_index == 1
+
+
+def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkeypatch):
+    def solve(*given):
+        raise AssertionError("nothing is solved")
+
+    monkeypatch.setattr(LoadingHistory, "begin", solve)
+    for load, start in (
+        ("overlap: -0.3 um", ""),
+        ("force: 1 N", "start: {force: 1.5 N}"),
+        ("overlap: 0.1 um", "start: 0.7"),
+    ):
+        with pytest.raises(SceneError, match=r":5: load.* below the start of the loading"):
+            scene(load=f"{{{load}}}", medium=options(*HISTORY, *[start] * bool(start)))
+    with pytest.raises(SceneError, match=r":5: load.force.1: found '1 N'; .* below the start of the loading"):
+        scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "start: {force: 1.5 N}"))
+    assert scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")).is_sweep
 
 
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
@@ -512,6 +608,9 @@ def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
         shear_response="stick",
     )  # fmt: skip
     state = medium.at_force(2.0)
+    tables = [tmp_path / "out" / name for name in ("sample_balls.csv", "sample_contacts.csv")]
+    read = gp.ContactNetwork.from_table(*tables, keep_rattlers=True)
+    np.testing.assert_array_equal(read.tangential_force, state.sample.network.tangential_force)
     summary = yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())
     for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "overlap", "normal_stiffness"):
         assert summary[name] == getattr(state, name)
@@ -558,6 +657,11 @@ def test_a_width_is_fitted_with_friction():
         (options("friction_coefficient: 0.2"), r"friction_coefficient: found 0.2 without friction_history"),
         (options("friction_history: true", "friction_coefficient: -1"), "friction_coefficient: found -1"),
         (options("friction_history: true", "friction_coefficient: .nan"), "friction_coefficient: found"),
+        (
+            options(*HISTORY, "start: {force: [1 N, 2 N]}"),
+            r"start.force: found \['1 N', '2 N'\]; allowed: one force. A loading",
+        ),
+        (options(*HISTORY, "start: {overlap: 20 mm}"), r"found {overlap: 20 mm}; .* the start of the loading: overlap"),
         (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
         (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
@@ -571,3 +675,50 @@ def test_a_width_is_fitted_with_friction():
 def test_mistakes_in_a_scene(given, why):
     with pytest.raises(InputError, match=why):
         scene(medium=given).plan.require()
+
+
+#: a medium on lines of its own, the last of which is the start
+LINES = """
+  - ema
+  - simulation:
+      shape: 4 4
+      friction_history: true
+      friction_coefficient: 0.2
+      start: """
+
+
+@pytest.mark.parametrize(
+    ("load", "start", "where"),
+    [
+        ("{force: 2 N}", "0.3", r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold"),
+        ("{force: [2 N, 9 N]}", "0.3", r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold"),
+        ("{force: 2 N}", "{force: 1 GN}", r":12: medium.1.simulation.start: found {force: 1 GN}; allowed: .* together"),
+        ("{force: 2 N}", "{force: 5 N}", r":5: load.force: found '2 N'; .* is below the start of the loading"),
+    ],
+)
+def test_mistakes_of_the_start_are_placed_at_the_start(load, start, where, tmp_path):
+    with pytest.raises(SceneError, match=where):
+        scene(load=load, medium=LINES + start).run(tmp_path / "out", figures=False)
+    assert not list(tmp_path.glob("out/[!.]*"))
+
+
+def test_a_start_by_default_that_fails_is_placed_at_the_medium(tmp_path, monkeypatch):
+    def fail(self):
+        raise InputError("it starts below the threshold")
+
+    monkeypatch.setattr(LoadingHistory, "begin", fail)
+    with pytest.raises(SceneError, match=r":6: medium: found no start; allowed: .* below the threshold"):
+        scene().run(tmp_path / "out", figures=False)
+
+
+def test_a_path_is_drawn_in_its_order():
+    given = {"friction_history": True, "friction_coefficient": 0.1, "step_tolerance": 0.1, "ordered": True}
+    loads = np.array([0.1, 0.3, 0.2, 0.1]) * W
+    media = ["ema", {"simulation": {"shape": (4, 4), **given}}]
+    figure = sweep_figure(gp.sweep(PACKING, overlap=loads, media=media))
+    lines = [line for line in figure.axes[0].lines if line.get_gid() == "longitudinal-all"]
+    (one,) = [line for line in lines if line.get_linestyle() == "-" and line.get_marker() == "o"]
+    np.testing.assert_array_equal(one.get_xdata(), loads)
+    (fallen,) = [line for line in figure.axes[0].lines if line.get_gid() == "longitudinal-falling"]
+    np.testing.assert_array_equal(fallen.get_xdata(), loads[2:])
+    np.testing.assert_array_equal(fallen.get_ydata(), one.get_ydata()[2:])

@@ -218,7 +218,9 @@ def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
     (work / "scene.yaml").write_text(text)
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     told = "granphon: warning: bands and densities of states are those of a regular lattice with the mean stiffness"
-    assert capsys.readouterr().err.startswith(told)
+    err = capsys.readouterr().err
+    assert err.startswith(told)
+    assert "sample_dos" in err
     assert "longitudinal" not in summary("out")
     assert summary("out")["warnings"][0].startswith("bands and densities of states")
     state = Scene.from_text(text).state()
@@ -367,12 +369,22 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
     assert set(json.loads(result.dataset.attrs["versions"])) == set(summary("out")["versions"])
 
 
-def test_parameters_that_make_no_figure_of_lines_have_none(work):
+def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
     text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
     scene = Scene.from_text(text)
     assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
     scene.run("out")
     assert listed(work / "out") == ALL - {"sweep.png"}
+    (work / "scene.yaml").write_text(text)
+    said = "sweep.png: its lines show one parameter, and friction and width vary; sweep.csv has the numbers"
+    for words, heading, told in (
+        (["check", "scene.yaml"], "will not draw", True),
+        (["run", "scene.yaml", "-o", "drawn"], "not drawn", True),
+        (["run", "scene.yaml", "-o", "numbers", "--no-figures"], "not drawn", False),
+    ):
+        assert main(words) == 0
+        lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+        assert (f"{heading} {said}" in lines) == told
     one = Scene.from_text(text.replace("[true, false]", "[true]"))
     assert "sweep.png" in expected_files(one)
     assert "sweep.png" not in expected_files(one, figures=False)

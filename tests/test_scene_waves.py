@@ -7,7 +7,9 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.media.acoustics import ideal_lattice
 from granphon.phonons.paths import BandPath
+from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
 from granphon.scene.run import expected_files
 from granphon.scene.sample_waves import read_waves
@@ -181,6 +183,30 @@ def test_cost_of_waves_grows_with_what_is_asked():
     assert seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m, cycles: 5000}\n") > 50.0 * short
 
 
+def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
+    def find(points, text=ARRAY):
+        return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
+
+    scene = find(2000)
+    ((medium, wanted),) = [(rung.medium.of(rung.packing), scene.waves) for rung in scene.plan.case.rungs]
+    state = gp.AveragedLattice(medium.packing).at_force(5.0)
+    network = gp.ContactNetwork.from_state(state, medium.cells)
+    way = find_path_points(network, ideal_lattice(medium.packing), medium.packing.diameter, wanted.path, 2000)
+    assert _count_waves(medium, wanted) == len(way.q) < 100
+    large = ARRAY.replace("[12, 24]", "[200, 200]")
+    few, many = (find(points, large).cost().known for points in (1000, 10_000))
+    assert many == pytest.approx(few, rel=0.2)
+
+
+def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
+    def seconds(frequency, cycles):
+        pulse = f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles: {cycles}}}\n"
+        return gp.Scene.from_text(ARRAY + pulse).plan._estimate_waves().known
+
+    # of the same duration, the one with more periods is read more often
+    assert seconds(1000, 10) > 1.5 * seconds(100, 1)
+
+
 def test_sweep_sends_a_pulse_through_each_sample_at_each_load(tmp_path):
     text = ARRAY.replace("5 N", "[5 N, 40 N]").replace("[12, 24]", "[8, 40], samples: 2")
     scene = gp.Scene.from_text(
@@ -240,3 +266,9 @@ def test_damaged_results_are_named_with_their_file(done, tmp_path):
         with pytest.raises(gp.GranphonError, match=said) as caught:
             read_waves(tmp_path / "pulse.json")
         assert "pulse.json" in str(caught.value)
+
+
+def test_corners_of_a_path_in_numbers_are_labelled_with_their_numbers(tmp_path):
+    text = ARRAY + "observe: [spectrum]\nspectrum: {points: 3}\nphonopy: {band: 0 0 0 1/3 1/3 0 1/2 0 0}\n"
+    labels = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).waves.spectra.labels
+    assert labels == ("0 0 0", "0.3333 0.3333 0", "0.5 0 0")

@@ -26,11 +26,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Contacts", "FrictionLaw", "Tangent"]
+__all__ = ["LEAST_CONTACT", "SLIDES", "Contacts", "FrictionLaw", "Tangent"]
 
 Array = NDArray[np.float64]
 #: root of an overlap that stands for none where it divides
 _TINY = 1e-150
+#: fraction of the mean normal force below which a contact does not count as one that carries load: the place of a ball that
+#: is held so weakly is not unique
+LEAST_CONTACT = 1e-6
+#: |T| over mu f, below one by no more than rounding, from which a contact slides
+SLIDES = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +65,14 @@ class Contacts:
 
     @property
     def tangential(self) -> Array:
-        """(n_c, L1, ..., Lp) magnitudes of the tangential forces."""
+        """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""
         return _norm(self.shears)
+
+    @property
+    def carried(self) -> NDArray[np.bool_]:
+        """(n_c, L1, ..., Lp) whether each contact counts as one that carries load."""
+        forces = self.forces
+        return np.asarray(forces > LEAST_CONTACT * np.mean(forces))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +168,23 @@ class FrictionLaw:
                 coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
                 coupling += mu * stiffness * sliding
         return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
+
+    def mobilise(self, contacts: Contacts) -> Array:
+        """Return (n_c, L1, ..., Lp) |T| over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
+
+        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
+        """
+        forces, mu = contacts.forces, self.friction_coefficient
+        if mu == math.inf:
+            return np.zeros_like(forces)
+        if mu == 0.0:
+            return (forces > 0.0).astype(float)
+        limit = mu * forces
+        return np.minimum(np.divide(contacts.tangential, limit, out=np.zeros_like(limit), where=limit > 0.0), 1.0)
+
+    def sliding_fraction(self, contacts: Contacts) -> float:
+        """Return the part of the contacts that carry load whose tangential force is at Coulomb's limit."""
+        return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))
 
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""

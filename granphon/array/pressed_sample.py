@@ -16,17 +16,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.contact_network import turn_frames
 from granphon.array.equilibrium import Equilibrium, Prescribed
-from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.friction import SLIDES, Contacts, FrictionLaw
 from granphon.array.history import LoadingHistory, PressedArray
 from granphon.array.response import elasticity
-from granphon.array.sample import LEAST_CONTACT, STEP, Sample
+from granphon.array.sample import STEP, Sample
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
@@ -34,13 +34,14 @@ from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
 
+if TYPE_CHECKING:
+    from ase import Atoms
+
 __all__ = ["SHEAR_RESPONSES", "ContinuedHistory", "PressedEquilibrium", "PressedSample"]
 
 Array = NDArray[np.float64]
 #: the choices of the tangential stiffness under sound; the first is the default
 SHEAR_RESPONSES = ("slide", "stick", "partial_slip")
-#: |T| over mu f, below one by no more than rounding, from which a contact slides
-_SLIDES = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,58 +124,32 @@ class PressedEquilibrium(Equilibrium):
         """The law of the contacts."""
         return FrictionLaw(self.mindlin_ratio, self.friction_coefficient)
 
+    @property
+    def contacts(self) -> Contacts:
+        """State of the contacts, with the slips of a motion on the lattice: only changes of slips count."""
+        stencils = self.sheared
+        slips = stencils.deformations(Motion(self._move(stencils), 0.0))[stencils.n_contacts :]
+        return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
+
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
-        stencils, balls = self.sheared, self._move(self.sheared)
-        # only changes of slips count
-        slips = stencils.deformations(Motion(balls, 0.0))[stencils.n_contacts :].reshape(self.shears.shape)
-        contacts = Contacts(self.overlaps, slips, self.shears)
         return PressedArray(
-            self.overlap, balls, contacts, self.law, self.residual, self.work, self.slid, self.loosened, self.steps,
-            self.newton, self.conjugate,
+            self.overlap, self._move(self.sheared), self.contacts, self.law, self.residual, self.work, self.slid,
+            self.loosened, self.steps, self.newton, self.conjugate,
         )  # fmt: skip
 
     @property
     def energy(self) -> float:
         """Mean energy that a contact stores, in units of c W^(5/2)."""
-        return self.law.stored(self.resume().contacts)
-
-    @property
-    def tangential(self) -> Array:
-        """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""
-        return np.asarray(np.sqrt(np.sum(self.shears**2, axis=0)))
-
-    @property
-    def carried(self) -> NDArray[np.bool_]:
-        """(n_c, L1, ..., Lp) whether each contact counts as one that carries load."""
-        return np.asarray(self.forces > LEAST_CONTACT * self.force)
-
-    @property
-    def mobilisation(self) -> Array:
-        """(n_c, L1, ..., Lp) |T| over Coulomb's limit mu f; one where a contact slides, zero where balls are apart.
-
-        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
-        """
-        forces, mu = self.forces, self.friction_coefficient
-        if mu == math.inf:
-            return np.zeros_like(forces)
-        if mu == 0.0:
-            return (forces > 0.0).astype(float)
-        limit = mu * forces
-        return np.minimum(np.divide(self.tangential, limit, out=np.zeros_like(limit), where=limit > 0.0), 1.0)
-
-    @property
-    def slides(self) -> NDArray[np.bool_]:
-        """(n_c, L1, ..., Lp) whether the tangential force of each contact is at Coulomb's limit."""
-        return np.asarray(self.mobilisation >= _SLIDES)
+        return self.law.stored(self.contacts)
 
     def shear_ratios(self, response: str) -> Array:
         """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of :data:`SHEAR_RESPONSES`."""
-        mobilised = self.mobilisation
+        mobilised = self.law.mobilise(self.contacts)
         if response == "stick":
             return np.full_like(mobilised, self.mindlin_ratio)
         part = np.cbrt(1.0 - mobilised) if response == "partial_slip" else 1.0
-        return self.mindlin_ratio * np.where(mobilised >= _SLIDES, 0.0, part)
+        return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, part)
 
     def find_elasticity(self, shear: Array, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
         """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of :meth:`shear_ratios`.
@@ -261,7 +236,7 @@ class PressedSample(Sample):
     @property
     def tangential_ratio(self) -> float:
         """Mean |T| over the mean normal force, over all contacts."""
-        return float(np.mean(self.equilibrium.tangential)) / self.equilibrium.force
+        return float(np.mean(self.equilibrium.contacts.tangential)) / self.equilibrium.force
 
     @property
     def mobilisation(self) -> Array:
@@ -269,19 +244,20 @@ class PressedSample(Sample):
 
         It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
         """
-        return np.moveaxis(self.equilibrium.mobilisation, 0, -1)
+        return np.moveaxis(self.equilibrium.law.mobilise(self.equilibrium.contacts), 0, -1)
 
     @property
     def sliding_fraction(self) -> float:
         """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu f."""
-        return float(np.mean(self.equilibrium.slides[self.equilibrium.carried]))
+        return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
         """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of |T|/(mu f).
 
         It is that of the contacts that carry load; those that slide are in the last bin.
         """
-        counts, edges = np.histogram(self.equilibrium.mobilisation[self.equilibrium.carried], bins, (0.0, 1.0))
+        here = self.equilibrium.contacts
+        counts, edges = np.histogram(self.equilibrium.law.mobilise(here)[here.carried], bins, (0.0, 1.0))
         return edges, counts / (np.sum(counts) * np.diff(edges))
 
     @property
@@ -340,6 +316,24 @@ class PressedSample(Sample):
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
         assert isinstance(equilibrium, PressedEquilibrium)
         return equilibrium.find_elasticity(equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending)
+
+    def atoms(self) -> Atoms:
+        """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.
+
+        ``rotations`` are those of the balls since the start. There are two more arrays: ``tangential_force``, the mean |T|
+        of a ball's contacts over the mean normal force of all, and ``sliding_contacts``, the number of its contacts that
+        carry load and slide. The forces of single contacts are in :attr:`network`, and in its tables.
+        """
+        balls, here = super().atoms(), self.equilibrium
+        contacts, stencils = here.contacts, self.equilibrium.stencils
+        slides = contacts.carried & (here.law.mobilise(contacts) >= SLIDES)
+        turns = self.rotations
+        balls.set_array("rotations", turns.reshape(len(balls), *balls.arrays["rotations"].shape[1:]))
+        tangential = self._order(stencils.average_around(contacts.tangential / here.force))
+        balls.set_array("tangential_force", tangential.ravel())
+        balls.set_array("sliding_contacts", self._order(stencils.around(slides.astype(int))).ravel())
+        balls.info["friction_coefficient"] = here.friction_coefficient
+        return balls
 
     def respond(self, shear_response: str) -> Self:
         """Return the same sample with another choice of the tangential stiffness under sound."""

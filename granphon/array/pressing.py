@@ -6,7 +6,6 @@ slide. Polynomials in the load through the last states continue it, and fill it 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -71,12 +70,8 @@ class PressedArray:
 
     @property
     def sliding_fraction(self) -> float:
-        """Part of the closed contacts whose tangential force is at Coulomb's limit; zero without friction."""
-        mu, forces = self.law.friction_coefficient, self.contacts.forces
-        closed = forces > BALANCE_TOLERANCE * self.force
-        if mu == 0.0 or mu == math.inf or not np.any(closed):
-            return 0.0
-        return float(np.mean(self.contacts.tangential[closed] >= mu * forces[closed] * (1.0 - 1e-12)))
+        """Part of the contacts that carry load whose tangential force is at Coulomb's limit."""
+        return self.law.sliding_fraction(self.contacts)
 
 
 @dataclass(frozen=True, eq=False)

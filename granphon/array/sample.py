@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.contact_network import make_network
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.friction import LEAST_CONTACT
 from granphon.array.response import elasticity
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.balls.lattices import BALL
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["STEP", "Sample", "jackknife", "standard_error"]
 
 Array = NDArray[np.float64]
-#: fraction of the mean force below which a contact is not counted: the place of a ball held so weakly is not unique
-LEAST_CONTACT = 1e-6
 #: step in log f, to either side, for finite differences of moduli. The bias of an exponent is proportional to its square: it
 #: is 2e-3 STEP^2 = 5e-6 at f* = 1, where the statistical error is least, and that is the standard error of a million balls.
 #: The variance grows only as -log STEP

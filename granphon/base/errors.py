@@ -42,11 +42,13 @@ class GranphonError(Exception):
     """Root of every error that granphon raises on purpose.
 
     ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the error is not about a
-    load. It is kept when the error comes back from a worker process. ``reached`` is the state at the loads of a path that
-    were reached before the error; None if there is none.
+    load. It is kept when the error comes back from a worker process. ``option`` is the name of the option of a medium that
+    the error is about, as the start of a loading; None if it is about none. ``reached`` is the state at the loads of a path
+    that were reached before the error; None if there is none.
     """
 
     load_index: int | None = None
+    option: str | None = None
     reached: Any = None
 
 

@@ -75,7 +75,7 @@ def check_scene(scene: SceneFile) -> None:
     """
     from granphon.media.cases import label_warnings
     from granphon.observables.validity import validity
-    from granphon.scene.run import expected_files
+    from granphon.scene.result_files import expected_files, tell_undrawn
     from granphon.scene.scene import Scene
 
     read = Scene.from_yaml(scene)
@@ -88,7 +88,9 @@ def check_scene(scene: SceneFile) -> None:
     rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")
     say_table(rows)
-    say_table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])
+    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))]
+    undrawn = tell_undrawn(read)
+    say_table(rows + [("will not draw", undrawn)] * bool(undrawn))
     warn(warnings)
 
 
@@ -135,7 +137,7 @@ def run_scene(
       granphon run sweep.yaml -o out --resume --workers 4
     """
     from granphon.base.progress import on_stderr
-    from granphon.scene.result_files import WORK_FOLDER
+    from granphon.scene.result_files import WORK_FOLDER, tell_undrawn
     from granphon.scene.run import is_complete
     from granphon.scene.scene import Scene
     from granphon.sweeps.workers import worker_processes
@@ -161,7 +163,8 @@ def run_scene(
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:
-            say_table(describe_result(result))
+            undrawn = tell_undrawn(read) if figures else ""
+            say_table(describe_result(result) + [("not drawn", undrawn)] * bool(undrawn))
             say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
 

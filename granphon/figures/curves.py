@@ -34,7 +34,7 @@ _MOST_MARKS = 12
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
 _HOLLOW = {"markerfacecolor": "white"}
-_SIZE, _SERVING_SIZE = 3.0, 3.6
+_SIZE, _SERVING_SIZE, _FALL_SIZE = 3.0, 3.6, 5.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A quantity y over x, in order of x; arrays are (n,).
+    """A quantity y over x, in order of x, or of the path that the loads take; arrays are (n,).
 
     Attributes
     ----------
@@ -61,6 +61,7 @@ class Curve:
     served : of an automatic medium the name of the medium that served each load; else empty.
     units : those of x and y.
     measured : whether it is data.
+    path : whether the loads go up and down in the order of the values.
     """
 
     run: str
@@ -73,6 +74,7 @@ class Curve:
     served: tuple[str, ...] = ()
     units: tuple[str, str] = ("", "")
     measured: bool = field(default=False)
+    path: bool = field(default=False)
 
     @classmethod
     def of_points(cls, run: str, facts: dict[str, str], x: Any, y: Any, error: Any = np.nan, **more: Any) -> Curve:
@@ -83,7 +85,9 @@ class Curve:
         return cls(run, facts, across, along, spread, every, every, **more).sorted()
 
     def sorted(self) -> Curve:
-        """Return the same curve in order of x."""
+        """Return the same curve in order of x; a path keeps its own."""
+        if self.path:
+            return self
         order = np.argsort(self.x, kind="stable")
         parts: dict[str, Any] = {name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")}
         return replace(self, **parts, served=tuple(self.served[n] for n in order.tolist()) if self.served else ())
@@ -117,7 +121,8 @@ def make_looks(count: int) -> list[Look]:
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     """Draw a curve: solid where it is valid, thin and dashed elsewhere; of a simulation points with bars of their errors.
 
-    Of an automatic medium each kind of mark says which medium served.
+    A path joins its points, and triangles mark those that are reached by a fall of x. On an automatic medium each kind of
+    mark says which medium served.
     """
     drawn = np.any(curve.error > 0.0)
     points = curve.as_points
@@ -126,7 +131,8 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
         ax.errorbar(curve.x, curve.y, np.where(curve.error > 0.0, curve.error, np.nan), **bars)
     style: dict[str, Any] = {"color": look.colour, "markersize": _SIZE, "marker": look.marker if points else ""}
     if points and not curve.served:
-        thin, solid = style | {"linestyle": "none"} | _HOLLOW, style | {"linestyle": "none"}
+        joined = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
+        thin, solid = style | joined | _HOLLOW, style | {"linestyle": "none"}
     else:
         style["marker"] = ""
         # thinner below marks, so that these are seen
@@ -137,6 +143,10 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
             thin = {"linestyle": "none"}
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **thin)
     ax.plot(curve.x, np.where(curve.valid, curve.y, np.nan), gid=f"{gid}-valid", **solid)
+    falls = np.diff(curve.x, prepend=curve.x[0]) < 0.0
+    if curve.path and np.any(falls):
+        fallen = solid | {"marker": "v", "markersize": _FALL_SIZE}
+        ax.plot(curve.x[falls], np.where(curve.valid, curve.y, np.nan)[falls], gid=f"{gid}-falling", **fallen)
     if curve.served:
         _mark_media(ax, curve, look, gid)
 

@@ -119,6 +119,7 @@ def read_curve(
     return Curve(
         run, facts or {}, horizontal, take(along).astype(float), take(error).astype(float), take(dataset["valid"]),
         np.broadcast_to(np.asarray(simulated, bool), horizontal.shape), served, (units[0], units[1]),
+        path=_is_path(dataset, index),
     ).sorted()  # fmt: skip
 
 
@@ -145,6 +146,12 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
 def _name_medium(dataset: Dataset, index: dict[str, int]) -> str:
     """Return the name of the medium at ``index``, by its label."""
     return str(np.atleast_1d(dataset["medium"].values)[index["medium"]]).partition("(")[0]
+
+
+def _is_path(dataset: Dataset, index: dict[str, int]) -> bool:
+    """Return whether the medium at ``index`` takes the loads in the order given, up and down."""
+    options: dict[str, Any] = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
+    return bool(options.get("ordered"))
 
 
 def _write_media(dataset: Dataset) -> list[str]:

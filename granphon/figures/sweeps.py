@@ -74,6 +74,7 @@ def plot_sweep(
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
     elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
     line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
+    On an ordered path a line joins the points in its order, and triangles mark those that are reached by a fall of ``x``.
     Marks on the line of an automatic medium say which medium served where. The slow transverse wave in space has a
     dash-dotted line.
 

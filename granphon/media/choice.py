@@ -18,7 +18,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
-from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, require, truth, whole
+from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, real_number, require, truth, whole
 from granphon.media.accuracy import accuracy
 from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
@@ -390,17 +390,20 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
     return accuracy().error(choice.name, packing, load, balls)
 
 
-def medium(value: Any, lattice: Lattice | None = None) -> MediumChoice:
+def medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
     """Validate a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
 
-    With a ``lattice``, the shape of a sample has one length for each of its periods.
+    With a ``lattice``, the shape of a sample has one length for each of its periods. What is ``written`` in a file has
+    units; otherwise plain numbers are in SI.
     """
     if isinstance(value, MediumChoice):
         return value if lattice is None else value.on(lattice)
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
     choice(name, tuple(MEDIA))
-    options = {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice), given)
+    options = (
+        {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
+    )
     found = MediumChoice(name, tuple(options.items()))
     return found if lattice is None else found.on(lattice)
 
@@ -415,13 +418,18 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
             raise no_finite_overlap(one.label)
 
 
-def _read_options(name: str, given: Any, lattice: Lattice | None = None) -> dict[str, Any]:
+def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:
     rules = {option: known.rule for option, known in OPTIONS[name].items()}
     if lattice is not None and "shape" in rules:
         rules["shape"] = partial(_cells, periods=lattice.periods)
     if lattice is not None and "start" in rules:
         quantities = load_quantities(lattice.periods)
-        rules["start"] = partial(read_start, load=lambda kind, value: quantities[kind].read(value))
+
+        def read(kind: str, value: Any) -> float:
+            plain = not written and not isinstance(value, str)
+            return real_number(value) if plain else quantities[kind].read(value)
+
+        rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
     if "start" in rules:
         refuse_without_history(found)

@@ -22,10 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.history import START_SPACING
 from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.history_cost import estimate_history
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 
@@ -81,9 +83,8 @@ _ROTATING_RESPONSE_TIME = {2: 1.4, 3: 3.5}
 _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
-#: steps of the load for each load of a path, and further steps from the start; and time of a step over an equilibrium's:
-#: within a factor of five for 64 x 64 balls, mu = 0.2 and infinity, one load and ten up to a* = 1
-_HISTORY_STEPS, _FIRST_STEPS, _HISTORY_TIME = 1.0, 12.0, 10.0
+#: times of an equilibrium and of a response in the exact geometry over those on the lattice
+_EXACT_TIME, _EXACT_RESPONSE_TIME = 6.0, 2.0
 #: bytes for each ball while a path is worked on, and of each state of it that is kept, with two and three periods
 _HISTORY_BYTES, _HISTORY_STATE_BYTES = {2: 2000.0, 3: 5000.0}, {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
@@ -96,6 +97,8 @@ _CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, (10.0, 3.0)
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
 _HEARD_BYTES = 60.0
+#: time of one reading of one ball for each product of a pulse, s
+_READING_TIME = 12e-9
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes
@@ -114,6 +117,7 @@ class Cost:
     known : time of work that is not a simulation, s.
     balls, equilibria : number of balls in one sample, and number of equilibria.
     parts : descriptions of the work that is not a simulation.
+    bounds : whether the time is a lower bound, as of arrays that start from the gas.
     """
 
     working: float = 0.0
@@ -123,11 +127,13 @@ class Cost:
     balls: int = 0
     equilibria: int = 0
     parts: tuple[str, ...] = ()
+    bounds: bool = False
 
     def __add__(self, other: Cost) -> Cost:
         return Cost(
             max(self.working, other.working), self.kept + other.kept, self.work + other.work, self.known + other.known,
             max(self.balls, other.balls), self.equilibria + other.equilibria, self.parts + other.parts,
+            self.bounds or other.bounds,
         )  # fmt: skip
 
     def times(self, count: float) -> Cost:
@@ -158,7 +164,8 @@ class Cost:
         many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
         simulated = (f"simulation of {self.balls:,} balls{many}",) if self.equilibria else ()
         what = "; ".join(simulated + self.parts)
-        return f"{what}: about {_write_bytes(self.memory)} and {_write_duration(self.seconds)}"
+        time = f"{'at least ' * self.bounds}{_write_duration(self.seconds)}"
+        return f"{what}: about {_write_bytes(self.memory)} and {time}"
 
 
 def _write_bytes(memory: float) -> str:
@@ -254,7 +261,8 @@ def estimate(
     """Estimate memory and time of the states at a load, and of their ``moduli``, on one processor of this machine.
 
     With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and their moduli, from which the
-    local exponent is found. A load below the rigidity threshold is taken to be at the threshold.
+    local exponent is found. A load below the rigidity threshold is taken to be at the threshold. With a history of friction
+    the time follows from the steps of the load and from what each takes at the friction coefficient.
     """
     balls, count = simulation.balls, load.size * simulation.samples
     packing, structure = simulation.packing, simulation.packing.structure
@@ -270,15 +278,43 @@ def estimate(
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
     # on a line no contact opens, and no load is near a threshold
     rest = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE))
-    linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0
+    rest = rest / _estimate_effort(_SMALL_FORCE)
+    linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0 * rest
+    if simulation.geometry == "exact":
+        rest, linear = _EXACT_TIME * rest, _EXACT_RESPONSE_TIME * linear
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
-    if simulation.loading is not None:
+    work, bounds = float(np.sum(rest + linear + beside)), False
+    if (loading := simulation.loading) is not None:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
-        beside = beside * _HISTORY_TIME
-        rest = rest * (_HISTORY_STEPS + _FIRST_STEPS / load.size) * _HISTORY_TIME
-    lattice = _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
-    relative = lattice * float(np.sum(rest + linear + beside) / _estimate_effort(_SMALL_FORCE))
-    return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
+        spacings = _estimate_spacing(packing, load.applied)
+        path = spacings if loading.ordered else np.sort(spacings)
+        work, bounds = estimate_history(loading, balls, path, _find_start(packing, loading.start), exponents)
+        work += (1.0 + 2.0 * exponents) * float(np.sum(linear))
+    work *= _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
+    return Cost(memory, work=work * balls * simulation.samples, balls=balls, equilibria=count, bounds=bounds)
+
+
+def _find_start(packing: Packing, start: Prescribed | str) -> float:
+    """Return the approximate a* at which a history starts; that of the default for the gas, whose own is not known."""
+    if not isinstance(start, Prescribed):
+        return START_SPACING
+    return float(_find_spacing(packing, np.array([start.force]))[0]) if start.overlap is None else start.overlap + 0.5
+
+
+def _estimate_spacing(packing: Packing, load: Load) -> Array:
+    """Return the approximate a* of each value of an applied load."""
+    if load.kind == "overlap":
+        return np.asarray(packing.width_units.reduced_spacing(np.ravel(load.array)))
+    return _find_spacing(packing, _estimate_reduced_force(packing, load))
+
+
+def _find_spacing(packing: Packing, force: Array) -> Array:
+    """Return the approximate a* of reduced forces."""
+    hertz = 0.5 + force ** (2.0 / 3.0)
+    if packing.structure.periods not in _CURVES:
+        return hertz
+    known, forces = _CURVES[packing.structure.periods]
+    return np.where(force > forces[-1], hertz, np.interp(force, forces, known))
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:
@@ -364,16 +400,18 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
 
 
-def array_waves(products: float, balls: int, contacts: float, rows: float, heard: float = 0.0) -> Cost:
+def array_waves(
+    products: float, balls: int, contacts: float, rows: float, heard: float = 0.0, readings: float = 0.0
+) -> Cost:
     """Estimate the cost of waves in an array with ``contacts`` and ``rows`` of their deformations for each of the ``balls``.
 
-    ``products`` is the number of products of the dynamical matrix with a vector, and ``heard`` the number of products of a
-    pulse times that of the balls that hear it. Seconds and bytes were measured on the
-    triangular lattice and on fcc, with 2,500 to 1e6 balls.
+    ``products`` is the number of products of the dynamical matrix with a vector, ``heard`` the number of products of a
+    pulse times that of the balls that hear it, and ``readings`` that number times the times at which they hear it, in all
+    samples. Seconds and bytes were measured on the triangular lattice and on fcc, with 2,500 to 1e6 balls.
     """
     what = f"waves in {balls:,} balls"
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
-    return Cost(working=memory, known=7e-9 * products * balls * rows, parts=(what,))
+    return Cost(working=memory, known=7e-9 * products * balls * rows + _READING_TIME * readings, parts=(what,))
 
 
 def cluster_media(count: int, balls: float) -> Cost:

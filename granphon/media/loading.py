@@ -24,12 +24,13 @@ from granphon.base.progress import Progress
 from granphon.base.results import read_only
 from granphon.base.text import show
 from granphon.base.validation import choice, number, real_number, require, truth
-from granphon.media.equilibria import prescribe
+from granphon.media.equilibria import prescribe, require_load
 from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
     "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "friction_coefficient", "press",
-    "press_all", "read_loading", "read_start", "refuse_without_history", "step_tolerance",
+    "press_all", "read_loading", "read_start", "refuse_without_history", "require_above",
+    "step_tolerance",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -113,14 +114,20 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     kinds = ("force", "pressure", "overlap")
     if isinstance(value, Mapping):
         if len(value) != 1 or next(iter(value)) not in kinds:
-            raise Refused(show(dict(value)), "one of " + ", ".join(f"{{{kind}: ...}}" for kind in kinds))
+            told = " and ".join(map(str, value)) or "an empty block"
+            raise Refused(told, "one of " + ", ".join(f"{{{kind}: ...}}" for kind in kinds))
         kind, given = next(iter(value.items()))
+        one = f"one {kind}{'' if load else ' in SI, as a plain number'}"
+        if isinstance(given, list | tuple | Mapping) or (isinstance(given, np.ndarray) and given.ndim):
+            raise Refused(show(given), one, "A loading starts at one load.", (kind,))
+        if load is None and not math.isfinite(real_number(given)):
+            raise Refused(show(given), one, path=(kind,))
         try:
             return Load(kind, real_number(given) if load is None else load(kind, given))
         except Refused as refused:
             raise refused.under(kind) from None
         except InputError as error:
-            raise Refused(show(given), f"a {kind}", str(error), (kind,)) from None
+            raise Refused(show(given), one, str(error), (kind,)) from None
     found = real_number(value)
     if not _STARTS[0] <= found <= _STARTS[1]:
         raise Refused(show(value), f"a reduced spacing a* such as 0.5, a load such as {{force: ...}}, or {GAS}")
@@ -223,6 +230,23 @@ class LoadedBalls(SampledBalls):
         loading, read = read_loading(self.packing, self.friction_history, self.geometry, options)
         for name, value in {**read, "loading": loading}.items():
             object.__setattr__(self, name, value)
+        self._require_start()
+
+    def _require_start(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a start that no sample can bear, solving none."""
+        start = self.start
+        if start is None or isinstance(start, str):
+            return
+        if not isinstance(start, Load):
+            if not self.packing.width:
+                return
+            start = Load("overlap", self.packing.width * (start - 0.5))
+        try:
+            require_load(self.packing, start.applied, self._largest)
+        except InputError as error:
+            refused = InputError(f"the start of the loading: {error}")
+            refused.option = "start"
+            raise refused from None
 
     @property
     def ratio(self) -> float:
@@ -230,7 +254,8 @@ class LoadedBalls(SampledBalls):
         return find_ratio(self.packing, self.geometry)
 
     def _require_standing(self) -> None:
-        require_standing(self.packing, self.friction_history and isinstance(self.start, str) and self.start == GAS)
+        loose = isinstance(self.start, str) and self.start == GAS
+        require_standing(self.packing, bool(self.friction_history), bool(self.friction_history) and loose)
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -271,9 +296,13 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
     history = ContinuedHistory(
         deviations, stencils, loading.friction_coefficient, loading.step_tolerance, loading.start, geometry=geometry
     )
-    here = history.resumed = LoadingHistory.begin(history)
+    try:
+        here = history.resumed = LoadingHistory.begin(history)
+    except GranphonError as error:
+        error.option = "start"
+        raise
     if not loading.ordered:
-        _require_above(here.overlap, here.force, path)
+        require_above(Prescribed(here.overlap, here.force), path)
     states = history.path(path)
     for place in range(len(path)):
         try:
@@ -306,14 +335,21 @@ def _find_stored(start: Prescribed | str) -> float:
     return float(0.4 * overlap**2.5)
 
 
-def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start."""
+def require_above(start: Prescribed, path: Sequence[Prescribed]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start.
+
+    Of a start that is prescribed as a force alone overlaps are not looked at, and of one as an overlap forces.
+    """
     for place, load in enumerate(path):
-        low = load.force < force * (1.0 - _ROUNDING) if load.overlap is None else load.overlap < overlap - _ROUNDING
+        if load.overlap is None:
+            low = load.force < start.force * (1.0 - _ROUNDING)
+        else:
+            low = start.overlap is not None and load.overlap < start.overlap - _ROUNDING
         if low:
-            what = (
-                f"the load {_describe(load)} is below the start of the loading, f* = {force:.4g} at a* = {overlap + 0.5:.4g}"
-            )
+            there = f"f* = {start.force:.4g}" if start.force else ""
+            there += " at " * bool(there and start.overlap is not None)
+            there += f"a* = {start.overlap + 0.5:.4g}" if start.overlap is not None else ""
+            what = f"the load {_describe(load)} is below the start of the loading, {there}"
             mend = (
                 "Raise the load, give a lower start, or unload along a path: simulation.path(...), in a scene ordered: true"
             )
@@ -338,10 +374,9 @@ def press_all(
     """
     order = loading.sort(prescribed)
     path = [prescribed[place] for place in order]
-    seeds = [None if balls.diameters is not None else balls.seed + index for index in range(balls.samples)]
     jobs = [
-        partial(press, balls.packing, seed, read_only(balls.deviations(index)), loading, path, balls.workers)
-        for index, seed in enumerate(seeds)
+        partial(press, balls.packing, balls.seed_of(one), read_only(balls.deviations(one)), loading, path, balls.workers)
+        for one in range(balls.samples)
     ]
     with progress.step("loading with friction", len(path) * len(jobs)) as step:
         if balls.executor is None:

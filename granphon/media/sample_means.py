@@ -12,13 +12,27 @@ from granphon.array.sample import standard_error
 from granphon.base.errors import InputError, message
 from granphon.media.state import ContactState
 
-__all__ = ["SampleMeans"]
+__all__ = ["HISTORY_UNITS", "SampleMeans"]
 
 Array = NDArray[np.float64]
+#: the attributes that only samples with a history of friction have, with their units
+HISTORY_UNITS = {"sliding_fraction": "1", "tangential_ratio": "1", "work": "J", "dissipated_energy": "J"}
+
+
+def _average_history(name: str, meaning: str) -> property:
+    """Return the property of a state that is the mean over samples of one of :data:`HISTORY_UNITS`; None without them."""
+
+    def find(state: SampleMeans) -> Any:
+        known = getattr(state.samples[0], name, None) is not None
+        return state._average(lambda sample: getattr(sample, name)) if known else None
+
+    return property(find, doc=f"{meaning}; None without a history of friction.")
 
 
 class SampleMeans(ContactState):
     """A state whose attributes are means over samples, of which there are equally many at each load."""
+
+    units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
 
     @property
     def _table(self) -> NDArray[Any]:
@@ -74,27 +88,13 @@ class SampleMeans(ContactState):
         """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice)."""
         return self._average(lambda sample: sample.contact_fraction())
 
-    def _average_of_history(self, name: str) -> Any:
-        """Return the mean over samples of an attribute that samples with a history have; None without one."""
-        known = getattr(self.samples[0], name, None) is not None
-        return self._average(lambda sample: getattr(sample, name)) if known else None
-
-    @property
-    def sliding_fraction(self) -> Any:
-        """Part of the contacts that carry load whose tangential force is at Coulomb's limit; None without a history."""
-        return self._average_of_history("sliding_fraction")
-
-    @property
-    def tangential_ratio(self) -> Any:
-        """Mean magnitude of the tangential forces over the mean normal force; None without a history of friction."""
-        return self._average_of_history("tangential_ratio")
-
-    @property
-    def work(self) -> Any:
-        """Work of the load since the start, a mean over contacts, J; None without a history of friction."""
-        return self._average_of_history("work")
-
-    @property
-    def dissipated_energy(self) -> Any:
-        """Energy lost to friction since the start, a mean over contacts, J; None without a history of friction."""
-        return self._average_of_history("dissipated_energy")
+    sliding_fraction = _average_history(
+        "sliding_fraction", "Part of the contacts that carry load whose tangential force is at Coulomb's limit"
+    )
+    tangential_ratio = _average_history(
+        "tangential_ratio", "Mean magnitude of the tangential forces over the mean normal force"
+    )
+    work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
+    dissipated_energy = _average_history(
+        "dissipated_energy", "Energy lost to friction since the start, a mean over contacts, J"
+    )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import Lattice
-from granphon.balls.motions import allowed_motions
+from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
@@ -121,6 +121,17 @@ class SampledBalls:
         """Number of balls of a sample."""
         return math.prod(self.cells) * self.packing.structure.n_balls
 
+    @property
+    def _largest(self) -> float:
+        """Excess of the diameter of the largest ball over the mean, m: of those that are given, or that may be drawn."""
+        # diameters that are given may be larger than the largest of the packing's spread
+        given = self.packing.width_units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
+        return max(given, self.packing.spread.largest if self.packing.spread else 0.0)
+
+    def seed_of(self, index: int) -> int | None:
+        """Return the seed of a sample; None if the diameters are given."""
+        return None if self.diameters is not None else self.seed + index
+
     def deviations(self, index: int) -> Array:
         """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
 
@@ -141,10 +152,11 @@ class SampledBalls:
         return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
 
-def require_standing(packing: Packing, by_friction: bool = False) -> None:
+def require_standing(packing: Packing, history: bool = False, by_friction: bool = False) -> None:
     """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
 
-    They need not stand without it if they are held ``by_friction``.
+    They need not stand without it if they are held ``by_friction``. The error says what would simulate them; whether they
+    are loaded with a ``history`` of friction makes a difference there.
 
     Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
     :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
@@ -167,14 +179,21 @@ def require_standing(packing: Packing, by_friction: bool = False) -> None:
     still = ContactLattice.of(structure, 0.0, motions=own)
     if still.mechanism or not _stands(structure):
         why = still.mechanism or "Some of its waves cost no energy"
-        raise MechanismError(
-            message(
-                f"the {structure.name} lattice is not simulated, because it does not stand without friction",
-                why,
-                "Use another medium, a lattice with more contacts, such as the triangular lattice, fcc or hcp, or a"
-                " friction_history from the start 'gas'",
-            )
-        )
+        what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
+        raise MechanismError(message(what, why, _mend_standing(packing, own, history)))
+
+
+def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
+    """Return what simulates a lattice that does not stand without friction, in words."""
+    otherwise = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
+    eta = packing.material.mindlin_ratio
+    if ContactLattice.of(packing.structure, eta, bending=packing.bending).mechanism:
+        return f"Friction does not hold it either: {otherwise}"
+    friction = "" if packing.friction else "friction: true of the packing and "
+    if history:
+        return f"Start the history at the gas ({friction}start: gas), from which friction holds it; or {otherwise}"
+    keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+    return f"A simulation with {keys} simulates it; or {otherwise}"
 
 
 @lru_cache(maxsize=64)

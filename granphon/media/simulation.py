@@ -29,7 +29,7 @@ from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tenso
 from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
-from granphon.media.loading import LoadedBalls, Loading, press_all
+from granphon.media.loading import LoadedBalls, Loading, press_all, require_above
 from granphon.media.medium import Loaded
 from granphon.media.sample_means import SampleMeans
 from granphon.media.state import overlap_flag
@@ -133,11 +133,6 @@ class SimulatedState(SampleMeans):
     is that of the paper's limit, and so are the pressure and the density that go with it;
     :class:`~granphon.base.errors.InputError` if it is set.
     """
-
-    units = {
-        **SampleMeans.units, "contact_force_fluctuation": "1", "sliding_fraction": "1", "tangential_ratio": "1", "work": "J",
-        "dissipated_energy": "J",
-    }  # fmt: skip
 
     law: HertzLaw | SampleLaw = field(repr=False)
     samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
@@ -354,11 +349,10 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         else:
             jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
-        seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
-            Sample(self.packing, seed, column[place])
+            Sample(self.packing, self.seed_of(index), column[place])
             for place in range(load.size)
-            for seed, column in zip(seeds, found, strict=True)
+            for index, column in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load, overlap_given=said)
 
@@ -407,13 +401,17 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         """
         deviations = read_only(self.deviations(0))
         found = find_equilibrium(deviations, self.packing.structure, load, before, self.workers, self.ratio)
-        return Sample(self.packing, None if self.diameters is not None else self.seed, found)
+        return Sample(self.packing, self.seed_of(0), found)
 
     def require(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none."""
-        # diameters that are given may be larger than the largest of the packing's spread
-        given = self.packing.width_units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
-        require_load(self.packing, load, max(given, self.packing.spread.largest if self.packing.spread else 0.0))
+        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none.
+
+        It may be below the start of a loading, as far as that is known before the start is found.
+        """
+        require_load(self.packing, load, self._largest)
+        loading = self.loading
+        if loading is not None and not loading.ordered and isinstance(loading.start, Prescribed) and self.packing.width:
+            require_above(loading.start, prescribe(self.packing, load))
 
 
 def no_finite_overlap(medium: str) -> InputError:

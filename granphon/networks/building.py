@@ -70,7 +70,8 @@ class Balls:
 class Contacts:
     """What a source says of its contacts, in SI; None where it says nothing.
 
-    ``i`` and ``j`` are labels of balls; ``normal``, ``vector`` from ball i to ball j, and ``shift`` are (n_c, 3).
+    ``i`` and ``j`` are labels of balls; ``normal``, ``vector`` from ball i to ball j, ``tangential_force`` and ``shift`` are
+    (n_c, 3).
     """
 
     name: str
@@ -79,6 +80,7 @@ class Contacts:
     shift: Index | None = None
     vector: Array | None = None
     normal: Array | None = None
+    tangential_force: Array | None = None
     normal_force: Array | None = None
     normal_stiffness: Array | None = None
     shear_stiffness: Array | None = None
@@ -169,6 +171,8 @@ def build_network(
         "arm_i": _find_arms(radii_i, overlap) if contacts.arm_i is None else contacts.arm_i,
         "arm_j": _find_arms(radii_j, overlap) if contacts.arm_j is None else contacts.arm_j,
     }  # fmt: skip
+    if contacts.tangential_force is not None:
+        found["tangential_force"] = contacts.tangential_force
     if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
         found = {name: values[force > 0.0] for name, values in found.items()}
     network = kind(

@@ -30,6 +30,8 @@ _FLAT = 1e-9
 LARGEST = 1e60
 #: greatest number of cells between two balls
 MOST_STEPS = 1_000_000_000
+#: greatest part of a tangential force along the normal: the rounding in a file
+_ALONG = 1e-2
 _SPRINGS = ("shear_stiffness", "torsion_stiffness", "bending_stiffness")
 
 
@@ -137,6 +139,14 @@ def _check_contacts(network: ContactNetwork) -> None:
         pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
         what = "above zero" if low else "zero or above"
         _require(network, name, inside, "contact", f"has a {name} that is not {what}{pulls}")
+    if network.tangential_force is not None:
+        force = network.tangential_force
+        fine = np.all(np.abs(force) < LARGEST, axis=1)
+        wrong = f"has a tangential_force that is not finite, or above {LARGEST:g} N"
+        _require(network, "tangential_force", fine, "contact", wrong)
+        along = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= _ALONG * np.linalg.norm(force, axis=1)
+        mend = "Leave the normal force out of it"
+        _require(network, "tangential_force", along, "contact", "has a tangential_force that is not across its normal", mend)
     for name in ("arm_i", "arm_j"):
         fine = np.abs(getattr(network, name)) < LARGEST
         _require(network, name, fine, "contact", f"has an {name} that is not finite, or above {LARGEST:g} m")

@@ -344,8 +344,9 @@ class ContactNetwork(Result):
         (default: Hertz's at the overlap of the two balls), ``normal_stiffness`` and ``shear_stiffness`` (default: those of
         Hertz and Mindlin under this force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``,
         ``nz`` (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less half the overlap),
-        ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is nearest).
-        Other columns are not read.
+        ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is nearest),
+        ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the contact with which ball i acts on
+        ball j (default: not known). Other columns are not read.
 
         Parameters
         ----------

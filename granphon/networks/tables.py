@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
+_ACROSS = replace(_FORCE, least="any")
 _STIFFNESS = Quantity("stiffness", "N/m", "3 MN/m", "N/m, kN/m, MN/m, N/um", "zero or above")
 _ROLLING = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
 #: columns of the table of balls, and of that of contacts, with their quantities; None: numbers without a unit
@@ -43,8 +44,10 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "i": None, "j": None, "shift_1": None, "shift_2": None, "shift_3": None, "nx": None, "ny": None, "nz": None,
     "normal_force": _FORCE, "normal_stiffness": _STIFFNESS, "shear_stiffness": _STIFFNESS, "torsion_stiffness": _ROLLING,
     "bending_stiffness": _ROLLING, "arm_i": _PLACE, "arm_j": _PLACE,
+    "tangential_x": _ACROSS, "tangential_y": _ACROSS, "tangential_z": _ACROSS,
 }  # fmt: skip
 _AXES = ("x", "y", "z")
+_TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
 #: columns that may hold "inf": those of a body that does not move
 _OF_WALLS = ("radius", "diameter", "mass", "inertia")
 #: what begins the line of a written table that holds what concerns all balls
@@ -227,7 +230,9 @@ def _read_contacts(table: _Columns) -> Contacts:
     springs = {
         name: table.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
     }
-    return Contacts(table.name, i, j, shift, None, None if normal is None else _widen(normal), **springs)
+    across = table.vectors(*_TANGENTIAL)
+    given = (None if vectors is None else _widen(vectors) for vectors in (normal, across))
+    return Contacts(table.name, i, j, shift, None, *given, **springs)
 
 
 def _widen(vectors: Array) -> Array:
@@ -248,6 +253,8 @@ def write_tables(network: ContactNetwork, balls: str | os.PathLike[str], contact
         "i": ends[0], "j": ends[1], **dict(steps), **dict(zip(("nx", "ny", "nz"), network.normal.T, strict=True)),
         **{name: getattr(network, name) for name in CONTACTS if name.endswith(("force", "stiffness")) or "arm" in name},
     }  # fmt: skip
+    if network.tangential_force is not None:
+        of_contacts |= dict(zip(_TANGENTIAL, network.tangential_force.T, strict=True))
     about = {name: getattr(network, name) for name in ("pbc", "dimension", "motions", "prestress", "left_out")}
     remark = _REMARK.removeprefix("# ") + json.dumps({"cell": network.cell.tolist(), **about})
     for path, table, known, comments in ((balls, of_balls, BALLS, [remark]), (contacts, of_contacts, CONTACTS, [])):

@@ -205,9 +205,12 @@ def diameters_table(given: Any) -> str | None:
 # -- media, and what a sweep goes over ------------------------------------------------------------------------------
 
 
-def read_media(value: Any, lattice: Lattice) -> tuple[MediumChoice, ...]:
-    """Read one medium, or a list of them, on a lattice: its number of periods says what the shape of a sample is."""
-    rule = partial(medium, lattice=lattice)
+def read_media(value: Any, lattice: Lattice, written: bool = False) -> tuple[MediumChoice, ...]:
+    """Read one medium, or a list of them, on a lattice: its number of periods says what the shape of a sample is.
+
+    What is ``written`` in a file has units.
+    """
+    rule = partial(medium, lattice=lattice, written=written)
     if not isinstance(value, list | tuple):
         return (rule(value),)
     found: tuple[MediumChoice, ...] = each(value, rule, "media")

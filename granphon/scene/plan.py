@@ -31,7 +31,7 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.scene.reader import Origin
-from granphon.waves.settings import WaveSettings
+from granphon.waves.settings import READINGS, WaveSettings
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
@@ -200,7 +200,7 @@ class Plan:
             # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
             listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
             later = self.scene.is_sweep and listed
-            with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
+            with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
                 if isinstance(medium, EffectiveMedium) and packing.width and not later:
                     _ = medium.local_field  # the state needs it, and not every lattice has one
@@ -348,23 +348,24 @@ class Plan:
         samples = medium.samples if self.scene.is_sweep else 1
         contacts = len(structure.contacts) / structure.n_balls
         rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
+        waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
         for force in costs.find_typical_force(packing, load).tolist():
             ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
             top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
             half = 0.5 * _MOMENTS  # each product gives two moments
-            products, heard = 20.0 * half * samples * wanted.dos, 0.0
+            products, heard, readings = 20.0 * half * samples * wanted.dos, 0.0, 0.0
             if (spectrum := wanted.spectrum) is not None:
                 if (fine := spectrum.resolution) is not None:
                     half = max(half, 0.25 * math.pi * top / fine)
-                legs = sum(len(piece) - 1 for piece in wanted.path)
-                products += 2.0 * half * samples * legs * spectrum.points * len(spectrum.polarisation)
+                products += 2.0 * half * samples * waves * len(spectrum.polarisation)
             if (pulse := wanted.pulse) is not None:
                 length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter
                 lasting = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity
                 steps = math.pi * top * lasting  # a product for each half period of the top frequency
                 products += steps * medium.samples
                 heard = steps * medium.balls / min(medium.cells)
-            yield costs.array_waves(products, medium.balls, contacts, rows, heard)
+                readings = READINGS * pulse.frequency * lasting * heard * medium.samples
+            yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
 
     def _estimate_clusters(self) -> Cost:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
@@ -391,3 +392,20 @@ class Plan:
         if len(self.few) < self.n_cases and found:
             return max(found, key=lambda cost: cost.work).times(len(found) * self.n_cases / len(self.few))
         return sum(found, Cost())
+
+
+def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:
+    """Return the number of wave vectors of an array's cell that a spectrum has: points of the path may share one."""
+    from granphon.waves.path_spectra import find_path_points  # imported here: a scene without waves does not need it
+    from granphon.waves.plane_waves import PeriodicCell
+
+    packing, structure = medium.packing, medium.packing.structure
+    assert wanted.spectrum is not None
+    p, cell = structure.periods, np.zeros((3, 3))
+    cell[:p, :p] = packing.diameter * structure.vectors[:, :p] * np.array(medium.cells)[:, None]
+    own = PeriodicCell(cell, (p > 0, p > 1, p > 2), structure.dimension)
+    lattice = ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None)
+    try:
+        return len(find_path_points(own, lattice, packing.diameter, wanted.path, wanted.spectrum.points).q)
+    except InputError:  # the array has none, which a run refuses
+        return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +25,8 @@ __all__ = ["Origin"]
 
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
+#: what an option of a medium may be that turns out to be wrong when it is carried out
+_ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
 #: the blocks of a scene file about waves in a simulated array, with their classes
 _WAVES = {"spectrum": SpectrumSettings, "pulse": PulseSettings}
 
@@ -76,7 +78,25 @@ class Origin:
             if self.document is None:
                 raise
             place = path or getattr(error, "path", ())
+            if (option := getattr(error, "option", None)) is not None:
+                place, given = self._place_option(option)
+                before = f"found {given}; allowed: {_ALLOWED[option]}; "
             raise self.document.error(place, f"{before}{error}") from None
+
+    def _place_option(self, option: str) -> tuple[tuple[str | int, ...], str]:
+        """Path and text of an option of a medium; the path of the media if none of them has it, or several have."""
+        data = self.document.data.get("medium") if self.document is not None else None
+        media = enumerate(data) if isinstance(data, list) else [((), data)]
+        found: list[tuple[tuple[str | int, ...], str]] = []
+        for at, one in media:
+            for name, options in one.items() if isinstance(one, Mapping) else ():
+                if isinstance(options, Mapping) and option in options:
+                    here = (at,) if isinstance(at, int) else ()
+                    given = options[option]
+                    block = isinstance(given, Mapping)
+                    said = ", ".join(f"{key}: {value}" for key, value in given.items()) if block else show(given)
+                    found.append((("medium", *here, name, option), f"{{{said}}}" if block else said))
+        return found[0] if len(found) == 1 else (("medium",), f"{'several times' if found else 'no'} {option}")
 
     @contextmanager
     def where_it_buckles(self) -> Iterator[None]:

@@ -8,12 +8,14 @@ if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
 __all__ = [
-    "DIAMETERS_FILE", "RESULT_FILES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files", "figure_name",
-    "list_files", "wave_figures", "wave_files",
+    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files",
+    "figure_name", "list_files", "tell_undrawn", "wave_figures", "wave_files",
 ]  # fmt: skip
 
 #: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
+#: tables of the balls and contacts of a sample that was loaded with friction
+SAMPLE_TABLES = ("sample_balls.csv", "sample_contacts.csv")
 #: what a scene observes of the waves in the samples of a simulation, with the files of numbers that it gives
 WAVE_FILES: dict[str, tuple[str, ...]] = {
     "dos": ("sample_dos.json", "sample_dos.csv"), "spectrum": ("spectrum.json", "spectrum.csv"),
@@ -25,7 +27,8 @@ SWEEP_TABLES = {"dos": "sweep_dos.csv", "spectrum": "sweep_spectra.csv"}
 SWEEP_FIGURES = tuple(name.replace(".csv", ".png") for name in SWEEP_TABLES.values())
 #: names of all files that a run may write
 RESULT_FILES = (
-    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
+    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", *SAMPLE_TABLES,
+    "bands.png", "dos.png",
     "forces.png", *(name for names in WAVE_FILES.values() for name in (*names, names[0].replace(".json", ".png"))),
     "sweep.nc", "sweep.csv", "sweep.png",
     *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
@@ -55,14 +58,21 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
     return numbers + (drawn if figures else ())
 
 
+def tell_undrawn(scene: Scene) -> str:
+    """Say which figure a sweep has not, and why; an empty text if it has all."""
+    varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
+    if not scene.is_sweep or len(varied) <= 1:
+        return ""
+    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
+
+
 def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run of ``scene`` writes."""
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
     drawn = []
     if scene.is_sweep:
         names += ["sweep.nc", "sweep.csv"]
-        lists = [values for _, values in scene.parameters] + [scene.directions]
-        if sum(len(values) > 1 for values in lists) <= 1:  # lines can show one parameter only, or directions
+        if not tell_undrawn(scene):
             drawn.append("sweep.png")
         tables = [table for name, table in SWEEP_TABLES.items() if name in scene.observe]
         names += tables
@@ -76,6 +86,7 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         drawn.append(figure_name("bands" in scene.observe))
     if scene.rung.medium.simulates:
         names.append("sample.extxyz")
+        names += SAMPLE_TABLES if scene.rung.medium.settings["friction_history"] else ()
         drawn.append("forces.png")
         names += wave_files(scene.observe)
         drawn += wave_figures(scene.observe)

@@ -9,6 +9,8 @@ band.yaml              bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
 sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
+sample_balls.csv       of a simulation with friction_history at one load: the network of the first sample, whose contacts
+sample_contacts.csv    have their normal and tangential forces
 forces.png             force chains of that sample, and the distribution of the forces in all samples
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
@@ -33,6 +35,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.array.atoms import write_extxyz
+from granphon.array.pressed_sample import PressedSample
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.staging import ResultFiles
@@ -51,6 +54,7 @@ from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
     DIAMETERS_FILE,
     RESULT_FILES,
+    SAMPLE_TABLES,
     WAVE_FILES,
     WORK_FOLDER,
     expected_files,
@@ -171,8 +175,12 @@ class RunResult(Summarised):
     def write(self, place: Path, step: Step) -> None:
         """Write the files of the bands, the density of states and the sample into the existing folder ``place``."""
         if self.state.samples:
-            write_extxyz(place / "sample.extxyz", self.state.samples[0].atoms())
+            sample = self.state.samples[0]
+            write_extxyz(place / "sample.extxyz", sample.atoms())
             step.advance()
+            if isinstance(sample, PressedSample):
+                sample.network.write_tables(*(place / name for name in SAMPLE_TABLES))
+                step.advance(len(SAMPLE_TABLES))
         if self.bands is not None and self.phonons is not None:
             self.bands.write(place / "band.yaml")
             self.phonons.save(place / "phonopy_params.yaml")

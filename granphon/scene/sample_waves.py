@@ -148,9 +148,8 @@ def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> 
     if "spectrum" in wanted:
         with progress.step("spectrum"):
             settings, path = scene.spectrum, scene.path
-            corners = [corner for piece in path.arrays for corner in piece]
             spectra = find_path_spectra(
-                waves, contact_lattice(state), state.scales, path.arrays, path.labels or [str(c) for c in corners],
+                waves, contact_lattice(state), state.scales, path.arrays, path.names,
                 points=settings.points, polarisations=settings.polarisation, resolution=settings.resolution,
             )  # fmt: skip
     if "pulse" in wanted and scene.pulse is not None:

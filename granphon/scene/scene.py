@@ -259,6 +259,9 @@ class Scene:
         try:
             return sweep_grid(self.plan.grid, progress=progress, executor=executor, **options)
         except GranphonError as error:
+            if error.option is not None:
+                with self._origin.at("medium"):
+                    raise
             if error.load_index is None:
                 raise
             with self._origin.at_load(self.load.kind, error.load_index):

@@ -56,7 +56,7 @@ def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule |
             },
             "balls_per_side": balls_on_side,
         },
-        "medium": partial(fields.read_media, lattice=lattice),
+        "medium": partial(fields.read_media, lattice=lattice, written=True),
         "sweep": partial(fields.read_parameters, folder=folder, lattice=lattice),
         "observe": fields.read_observables,
         "direction": partial(fields.read_directions, lattice=lattice),

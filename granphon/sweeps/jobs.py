@@ -43,7 +43,8 @@ Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
 LATTICE_BANDS = (
     "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
-    "the disorder of the contacts is in the velocities and moduli only"
+    "the disorder of the contacts is in the velocities and moduli, and in the waves of the arrays themselves, which "
+    "observe: [dos, spectrum] writes as sample_dos and spectrum, or of a sweep as sweep_dos and sweep_spectra"
 )
 
 
@@ -284,6 +285,8 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
     It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
     index of that load in the sweep. If no load fails alone, ``error`` is returned with the task only.
     """
+    if error.option is not None:  # it is not about a load
+        return _name_task(job.where, error)
     at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
     for index in range(job.load.size) if at is None else ():
         try:
@@ -307,7 +310,9 @@ def _name_load(where: str, load: Load, index: int, error: GranphonError, periods
 
 def _name_task(where: str, error: GranphonError) -> GranphonError:
     """Return ``error`` with the task before its message."""
-    return type(error)(f"{where}: {error}")
+    located = type(error)(f"{where}: {error}")
+    located.option = error.option
+    return located
 
 
 def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tuple[str, ...]]:

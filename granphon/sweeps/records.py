@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
 from granphon.base.results import Result
+from granphon.media.sample_means import HISTORY_UNITS
 from granphon.media.simulation import SimulatedState
 from granphon.sweeps.tasks import TaskResult
 
@@ -36,8 +37,7 @@ class SampleRecord(Result):
 
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
-        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", "sliding_fraction": "1",
-        "tangential_ratio": "1", "work": "J", "dissipated_energy": "J",
+        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", **HISTORY_UNITS,
     }  # fmt: skip
     shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
 
@@ -66,8 +66,7 @@ class SampleRecord(Result):
             from granphon.sweeps.wave_records import record_waves  # imported here: a sweep without waves does not need it
 
             found = record_waves(sample, waves)
-        names = ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy")
-        lost = {name: getattr(sample, name) for name in names} if isinstance(sample, PressedSample) else {}
+        lost = {name: getattr(sample, name) for name in HISTORY_UNITS} if isinstance(sample, PressedSample) else {}
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,

@@ -19,7 +19,7 @@ from granphon.base.scales import Units
 from granphon.base.tables import Heading, write_table
 from granphon.dynamics.modes import ContactLattice
 from granphon.networks.network import ContactNetwork
-from granphon.waves.plane_waves import nearest_wavevectors
+from granphon.waves.plane_waves import PeriodicCell, nearest_wavevectors
 from granphon.waves.spectral_functions import SpectralFunction
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class PathPoints(NamedTuple):
 
 
 def find_path_points(
-    network: ContactNetwork, lattice: ContactLattice, spacing: float, path: Sequence[ArrayLike], points: int
+    network: ContactNetwork | PeriodicCell, lattice: ContactLattice, spacing: float, path: Sequence[ArrayLike], points: int
 ) -> PathPoints:
     """Return the wave vectors of the cell of a network that are nearest to ``points`` points on each leg of a path.
 

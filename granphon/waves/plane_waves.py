@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,7 @@ from granphon.base.validation import choice, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["find_polarisations", "make_plane_wave", "nearest_wavevectors", "read_wavevectors"]
+__all__ = ["PeriodicCell", "find_polarisations", "make_plane_wave", "nearest_wavevectors", "read_wavevectors"]
 
 Array = NDArray[np.float64]
 _NAMES = ("longitudinal", "transverse", "rotational")
@@ -22,6 +23,14 @@ _NAMES = ("longitudinal", "transverse", "rotational")
 _WHOLE = 1e-6
 #: length of the part of a direction across q, over that of the direction, below which there is none
 _ACROSS = 1e-9
+
+
+class PeriodicCell(NamedTuple):
+    """The cell of a network, without its balls: vectors (3, 3), m, which of them are periods, and the dimension."""
+
+    cell: Array
+    pbc: tuple[bool, bool, bool]
+    dimension: int
 
 
 # -- wave vectors -------------------------------------------------------------------------------------------------------
@@ -48,13 +57,13 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     return nearest
 
 
-def nearest_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
+def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
     """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape."""
     given = _as_wavevectors(network, q)
     return np.asarray(_round(network, given).reshape(np.shape(q)))
 
 
-def _as_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
+def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
     given, d = finite_array("q", q, "1/m"), network.dimension
     if d == 1 and given.ndim == 0:
         given = given.reshape(1)
@@ -66,12 +75,12 @@ def _as_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     return np.atleast_2d(given)
 
 
-def _periods(network: ContactNetwork) -> Array:
+def _periods(network: ContactNetwork | PeriodicCell) -> Array:
     """Return the vectors of the cell along which the network repeats, (p, d), m."""
     return np.asarray(network.cell[list(network.pbc), : network.dimension])
 
 
-def _round(network: ContactNetwork, q: Array) -> Array:
+def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
     """Return the wave vectors (n, d) of the cell nearest to ``q``."""
     periods = _periods(network)
     if not len(periods):

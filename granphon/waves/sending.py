@@ -23,15 +23,13 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
 from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulses import Pulse
-from granphon.waves.settings import PulseSettings
+from granphon.waves.settings import READINGS, PulseSettings
 from granphon.waves.viscous import ViscousPropagation
 
 __all__ = ["MARGIN", "Route", "Sending", "require_sendable", "transmit"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-#: readings of a signal in a period of the burst
-_READINGS = 24
 #: the record lasts this many times as long as a wave takes if balls move in proportion to a plane wave of great length
 _LATE = 3.0
 #: part of the squared bound of frequencies that a ball reaches which moves alone, and so the highest mode: nearly a half
@@ -149,7 +147,7 @@ class Route:
             duration = burst.duration + _LATE * farthest / fastest
             if wanted.ends == "periodic":  # what runs the other way round comes later
                 duration = min(duration, (course.period - length) / fastest)
-        step = 1.0 / (_READINGS * hertz)
+        step = 1.0 / (READINGS * hertz)
         count = max(3, math.floor(positive("duration", duration, "s") / step) + 1)
         if count > _MOST_READINGS:
             raise InputError(

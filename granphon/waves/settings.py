@@ -13,14 +13,16 @@ from granphon.base.text import show
 from granphon.base.validation import Rule, choice, each, number, require, whole
 
 __all__ = [
-    "POLARISATIONS", "WAVES", "PulseSettings", "SpectrumSettings", "WaveSettings", "pulse_rules", "spectrum_rules",
-    "write_settings",
+    "POLARISATIONS", "READINGS", "WAVES", "PulseSettings", "SpectrumSettings", "WaveSettings", "pulse_rules",
+    "spectrum_rules", "write_settings",
 ]  # fmt: skip
 
 #: what may be asked of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
 #: polarisations of the waves of a spectrum
 POLARISATIONS = ("longitudinal", "transverse", "rotational")
+#: readings of the signal of a pulse in a period of its burst
+READINGS = 24
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _ENDS = ("free", "walls", "periodic")
 _SOURCES = ("plane", "ball")

@@ -25,10 +25,10 @@ from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.friction import LEAST_CONTACT
 from granphon.array.history import LoadingHistory, PressedArray
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
-from granphon.array.sample import LEAST_CONTACT
 from granphon.array.stencils import Stencils
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
