@@ -6,9 +6,9 @@ three levels (the multilevel method of Giles, Operations Research 56, 607 (2008)
 realisations after a short descent; what a long descent adds, of fewer; and what equilibrium adds, of the few that are in it.
 What a descent is off cancels: nothing is left of it but the scatter of the differences, which is in the error.
 
-Sets of points are drawn until the error is as small as it is to be. The few realisations have found the effective lattice
-with an error of their own. The long descents correct it first, so that its square, which the conditions do not take off, is
-nothing.
+Sets of points are drawn until the error is as small as it is to be, by as many threads as there are processors. The few
+realisations have found the effective lattice with an error of their own. The long descents correct it first, so that its
+square, which the conditions do not take off, is nothing.
 
 Descent is Polyak's heavy ball, x' = x - G g(x) + beta (x - x_before), for the energy of the cluster in its modes, with the
 stiffness of each as if all contacts had one, L: G_a = 1/(kappa (1 - lambda_a) + L lambda_a). It begins in the effective
