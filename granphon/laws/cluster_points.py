@@ -75,7 +75,7 @@ class PointSource:
         root = _root(exact)
         both = block_diag(np.hstack([np.sqrt(_VARIANCE) * near, far]), push)
         #: deviates give uncorrelated parts of the realisations, and these the realisations
-        self._dtype = np.float32 if many else np.float64
+        self._dtype: type[np.floating] = np.float32 if many else np.float64
         self._parts, self._root = (np.linalg.pinv(root) @ both).T.astype(self._dtype), root
         self._shape, self._randomise = shape, _shift if many else _scramble
         self.least = 2 ** math.ceil(math.log2(_POINTS_PER_DIRECTION * root.shape[1]))
