@@ -45,7 +45,7 @@ _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
 _TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
 #: relative standard error of the force that the quadrature may leave, and f* from which on it may not be larger
-_ERROR, _ERROR_FORCE = 8.5e-5, 0.022
+_ERROR, _ERROR_FORCE = 7e-5, 0.022
 #: f* between which it is found at all overlaps of the curve, not at every other one
 _DENSE = (0.02, 0.5)
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
