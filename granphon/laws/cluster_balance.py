@@ -34,7 +34,6 @@ tau with y, hence k = df/dy, with f and kappa varied too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import PrecisionError, message
+from granphon.base.threads import share_out
 from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_points import ClusterPoints
 
@@ -190,8 +190,7 @@ class ClusterBalance:
 
     def _relax(self, y: float, now: Effective) -> None:
         """Bring all realisations into equilibrium, by Newton's method with a line search."""
-        for part in self._parts:
-            self._relax_part(np.arange(*part.indices(len(self._w))), y, now)
+        share_out(lambda part: self._relax_part(np.arange(*part.indices(len(self._w))), y, now), self._parts)
 
     def _relax_part(self, going: NDArray[np.intp], y: float, now: Effective) -> None:
         f, kappa, tau = now
@@ -232,10 +231,10 @@ class ClusterBalance:
         """Return the conditions and their derivatives; it keeps the changes of w."""
         f, kappa, _ = now
         misses, slopes, squares, central = [], np.zeros((4, 4)), 0.0, []
-        for part, miss, by, square, ball in self._parts_of_conditions(y, now):
+        for miss, by, square, ball in share_out(lambda part: self._linearise_part(part, y, now), self._parts):
             misses.append(miss)
             central.append(ball)
-            slopes += by * (part.stop - part.start)
+            slopes += by * len(miss)
             squares += square
         slopes /= len(self._w)
         rms = np.sqrt(squares / len(self._w))
@@ -249,48 +248,46 @@ class ClusterBalance:
         ball, closed = np.concatenate(central, axis=1)
         return _Conditions(per, slopes[:3, :3], slopes[:3, 3], ball, slopes[3], float(np.mean(closed)))
 
-    def _parts_of_conditions(self, y: float, now: Effective) -> Iterator[tuple[slice, Array, Array, float, Array]]:
-        """Yield, for one part of the realisations after another, mean force, <phi s> and <phi^2> of each, and slopes."""
+    def _linearise_part(self, part: slice, y: float, now: Effective) -> tuple[Array, Array, float, Array]:
+        """Return, for one part of the realisations, mean force, <phi s> and <phi^2> of each, and slopes."""
         f, kappa, tau = now
         points, modes = self._points, self._modes
-        for part in self._parts:
-            s, m, w = points.misfits[part], points.pushes[part], self._w[part]
-            part = slice(part.start, part.start + len(w))
-            h = self._realise(part, y, tau)
-            closed = np.maximum(h, 0.0)
-            root = np.sqrt(closed)
-            force, slope, off = closed * root, 1.5 * root, h - y
-            phi = force - f - kappa * off
-            # derivatives of the pull on each mode at fixed w, and of h and the force at fixed w
-            pulls = np.stack(
-                [
-                    np.broadcast_to(modes.sum(axis=0), w.shape),
-                    (1.0 + _HOLD) * w + off @ modes,
-                    -((slope - kappa) * m) @ modes,
-                    -slope @ modes,
-                ],
-                axis=-1,
-            )
-            moved = -np.linalg.solve(self._stiffen(slope, kappa), pulls)
-            self._changes[part] = moved
-            by_off = -np.matmul(modes, moved)
-            by_off[..., 2] += m
-            by_force = slope[..., None] * by_off
-            by_force[..., 3] += slope
-            by_phi = by_force - kappa * by_off
-            by_phi[..., 0] -= 1.0
-            by_phi[..., 1] -= off
-            n = s.size
-            by = np.stack(
-                [
-                    by_force.mean(axis=(0, 1)),
-                    np.einsum("ncp,nc->p", by_phi, s) / n,
-                    2.0 * np.einsum("ncp,nc->p", by_phi, phi) / n,
-                    by_force[:, self._central].mean(axis=(0, 1)),
-                ]
-            )
-            square = np.mean(phi**2, axis=1)
-            miss = np.stack([force.mean(axis=1), np.mean(phi * s, axis=1), square], axis=1)
-            central = force[:, self._central]
-            ball = np.stack([central.mean(axis=1), np.mean(central > LEAST_CONTACT * f, axis=1)])
-            yield part, miss, by, float(np.sum(square)), ball
+        s, m, w = points.misfits[part], points.pushes[part], self._w[part]
+        h = self._realise(part, y, tau)
+        closed = np.maximum(h, 0.0)
+        root = np.sqrt(closed)
+        force, slope, off = closed * root, 1.5 * root, h - y
+        phi = force - f - kappa * off
+        # derivatives of the pull on each mode at fixed w, and of h and the force at fixed w
+        pulls = np.stack(
+            [
+                np.broadcast_to(modes.sum(axis=0), w.shape),
+                (1.0 + _HOLD) * w + off @ modes,
+                -((slope - kappa) * m) @ modes,
+                -slope @ modes,
+            ],
+            axis=-1,
+        )
+        moved = -np.linalg.solve(self._stiffen(slope, kappa), pulls)
+        self._changes[part] = moved
+        by_off = -np.matmul(modes, moved)
+        by_off[..., 2] += m
+        by_force = slope[..., None] * by_off
+        by_force[..., 3] += slope
+        by_phi = by_force - kappa * by_off
+        by_phi[..., 0] -= 1.0
+        by_phi[..., 1] -= off
+        n = s.size
+        by = np.stack(
+            [
+                by_force.mean(axis=(0, 1)),
+                np.einsum("ncp,nc->p", by_phi, s) / n,
+                2.0 * np.einsum("ncp,nc->p", by_phi, phi) / n,
+                by_force[:, self._central].mean(axis=(0, 1)),
+            ]
+        )
+        square = np.mean(phi**2, axis=1)
+        miss = np.stack([force.mean(axis=1), np.mean(phi * s, axis=1), square], axis=1)
+        central = force[:, self._central]
+        ball = np.stack([central.mean(axis=1), np.mean(central > LEAST_CONTACT * f, axis=1)])
+        return miss, by, float(np.sum(square)), ball

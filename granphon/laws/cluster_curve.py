@@ -20,6 +20,7 @@ from granphon.balls.distributions import Shape
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
+from granphon.base.threads import single_products
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
 from granphon.laws.cluster_balance import Balance, ClusterBalance, Effective
 from granphon.laws.cluster_descent import ClusterDescent
@@ -46,7 +47,7 @@ _TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
 #: relative standard error of the force that the quadrature may leave, and f* from which on it may not be larger
 _ERROR, _ERROR_FORCE = 7e-5, 0.022
 #: f* between which it is found at all overlaps of the curve, not at every other one
-_DENSE = (0.02, 0.1)
+_DENSE = (0.02, 0.5)
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
 _LEAST_SHARE, _MOST_END = 0.02, 0.02
 #: x at the lowest overlap
@@ -75,6 +76,11 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
 
     Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
+    with single_products():
+        return _solve_cluster(response, shape, points, scrambles, seed)
+
+
+def _solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambles: int, seed: int) -> ClusterCurve:
     top = max(_FAR_START, _FAR_DEVIATIONS * max(map(abs, shape.bounds)))
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
     lowest = _find_end(response, shape, top, second)
@@ -140,9 +146,9 @@ def _guess(second: float, y: float) -> Effective:
 def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float) -> float:
     """Find the overlap at which f* falls to the least that is solved, from few realisations."""
     balance = ClusterBalance(response, draw_points(response, shape, _TRIAL, 1))
-    now, least, share = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 1.0 / 3.0
+    now, least, share = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 0.5
     while now.force > 1.001 * LEAST_SOLVED_FORCE:
-        # f^(2/3) is nearly linear in y; a step takes off no more than a third of it
+        # f^(2/3) is nearly linear in y; a step takes off no more than half of it
         root = now.force ** (2.0 / 3.0)
         slope = root * now.stiffness / (1.5 * now.force)
         trial = deepcopy(balance)

@@ -6,9 +6,9 @@ three levels (the multilevel method of Giles, Operations Research 56, 607 (2008)
 realisations after a short descent; what a long descent adds, of fewer; and what equilibrium adds, of the few that are in it.
 What a descent is off cancels: nothing is left of it but the scatter of the differences, which is in the error.
 
-Sets of points are drawn until the error is as small as it is to be. The few realisations have found the effective lattice
-with an error of their own. The long descents correct it first, so that its square, which the conditions do not take off, is
-nothing.
+Sets of points are drawn until the error is as small as it is to be, by as many threads as there are processors. The few
+realisations have found the effective lattice with an error of their own. The long descents correct it first, so that its
+square, which the conditions do not take off, is nothing.
 
 Descent is Polyak's heavy ball, x' = x - G g(x) + beta (x - x_before), for the energy of the cluster in its modes, with the
 stiffness of each as if all contacts had one, L: G_a = 1/(kappa (1 - lambda_a) + L lambda_a). It begins in the effective
@@ -18,6 +18,7 @@ h' = b + M (L h - h_+^(3/2)) + beta (h - h_before) with M = B G B^T.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import Shape
+from granphon.base.threads import share_out
 from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, Effective, find_modes
 from granphon.laws.cluster_points import ClusterPoints, PointSource
@@ -42,11 +44,13 @@ _STIFF = 0.25
 #: numbers that are worked on at a time
 _AT_ONCE = 2**15
 #: points of a set: at first, and where many are needed
-_LEAST_SET, _MOST_SET = 2**12, 2**15
+_LEAST_SET, _MOST_SET = 2**11, 2**14
 #: contacts of all points of a set that is the same for all solutions
 _FIRST = 2**18
 #: least number of sets of a level, number that is aimed at, and most
-_LEAST_SETS, _AIM_SETS, _MOST_SETS = 16, 40, 160
+_LEAST_SETS, _AIM_SETS, _MOST_SETS = 16, 64, 512
+#: part of the sets that are still to be drawn by an estimate, of which some are drawn before the next estimate
+_NEXT = 0.9
 #: where a realisation has what the conditions miss
 _MISS = slice(4, 7)
 #: part of the error that long descents may leave
@@ -78,7 +82,7 @@ class ClusterDescent:
         middle = response.central / np.count_nonzero(response.central)
         #: weights of the mean over all contacts, and over those of the ball in the middle
         self._weights = np.stack([np.full(len(middle), 1.0 / len(middle)), middle], axis=1).astype(np.float32)
-        self._source = PointSource(response, shape, np.float32)
+        self._source = PointSource(response, shape, many=True)
         # of a small cluster, of which a realisation takes less time, there are more
         points = max(_LEAST_SET, 2 ** int(np.log2(_FIRST / len(middle))))
         #: sets that are the same for all solutions
@@ -119,8 +123,7 @@ class ClusterDescent:
         return Refined(means, float(np.sqrt(variance)), first[1, :, :4])
 
     def _evaluate_first(self, found: Balance, steps: tuple[int, ...]) -> Array:
-        sets = [self._evaluate(found, found.effective, *one, steps) for one in self._first]
-        return np.stack([np.mean(one, axis=1) for one in sets], axis=1)
+        return np.stack(share_out(lambda one: self._find_means(found, found.effective, *one, steps), self._first), axis=1)
 
     def _sample(
         self, found: Balance, now: Effective, steps: tuple[int, ...], bound: float, number: list[int], points: int,
@@ -130,15 +133,24 @@ class ClusterDescent:
 
         With two numbers of steps it is that of the difference. Sets are those ``known``, and more of so many ``points``.
         """
+
+        def draw(place: int) -> Array:
+            return self._find_means(found, now, *self._source.draw_enough([[self._seed, *number, place]], points)[0], steps)
+
         sets = [] if known is None else list(known.swapaxes(0, 1))
+        wanted = _LEAST_SETS
         while True:
-            if len(sets) >= _LEAST_SETS:
-                means = np.stack(sets, axis=1)
-                off = means[-1] - means[0] if len(steps) > 1 else means[0]
-                if len(sets) >= _MOST_SETS or _find_variance(off) <= bound**2:
-                    return means
-            drawn = self._source.draw_enough([[self._seed, *number, len(sets)]], points)[0]
-            sets.append(np.mean(self._evaluate(found, now, *drawn, steps), axis=1))
+            sets += share_out(draw, range(len(sets), wanted))
+            means = np.stack(sets, axis=1)
+            over = _find_variance(means[-1] - means[0] if len(steps) > 1 else means[0]) / bound**2
+            if len(sets) >= _MOST_SETS or over <= 1.0:
+                return means
+            # with some left for the next estimate: this one is not exact
+            wanted = min(max(len(sets) + 4, math.ceil(_NEXT * over * len(sets))), _MOST_SETS)
+
+    def _find_means(self, found: Balance, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
+        """Return the means (len(steps), 7) of a set of points."""
+        return np.asarray(np.mean(self._evaluate(found, now, misfits, pushes, steps), axis=1))
 
     def _evaluate(self, found: Balance, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
         """Return for each realisation (len(steps), n, 7), after so many steps, what the solution has means of.
@@ -168,8 +180,6 @@ class ClusterDescent:
         self, y: float, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]
     ) -> Iterator[Single]:
         """Yield the overlaps h (n, n_c) after so many steps."""
-        from scipy.linalg.blas import saxpy, sgemm
-
         f, kappa, tau = now
         free = misfits + np.float32(tau) * pushes
         stiff = 1.5 * np.sqrt(max(y, 0.0) + _STIFF * float(np.std(free)))
@@ -180,19 +190,19 @@ class ClusterDescent:
         pull = np.float32((stiff - kappa) / unit) * free + np.float32((stiff * y - f) / unit)
         fixed = begin - pull @ move.astype(np.float32)
         move = (-stiff * move).astype(np.float32)
-        before = x = begin
+        # all in place: new arrays would take longer than what is done to them
+        x, before, after, root = begin, begin.copy(), np.empty_like(begin), np.empty_like(begin)
         for step in range(1, steps[-1] + 1):
-            momentum = _MOMENTUM * step / (step + 3.0)
-            root = np.maximum(x, np.float32(0.0))
+            np.maximum(x, np.float32(0.0), out=root)
             np.sqrt(root, out=root)
             root -= np.float32(1.0)
             root *= x
-            # both BLAS routines add to what they are given, the arrays being whole
-            after = sgemm(1.0, move, root.T, -momentum if step > 1 else 0.0, before.T, overwrite_c=step > 1).T
-            if step > 1:
-                saxpy(x.ravel(), after.reshape(-1), a=momentum)
+            np.matmul(root, move, out=after)
+            np.subtract(x, before, out=before)
+            before *= np.float32(_MOMENTUM * step / (step + 3.0))
+            after += before
             after += fixed
-            before, x = x, after
+            x, before, after = after, x, before
             if step in steps:
                 yield x * unit
 

@@ -10,6 +10,7 @@ it is said; brackets hold the standard error of the last digits.
 from __future__ import annotations
 
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -20,8 +21,9 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
-from granphon.balls.lattices import FCC, TRIANGULAR, Lattice
+from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
+from granphon.base.threads import count_processors
 from granphon.dynamics.local_field import local_field
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.laws.cluster import VALID_FORCE
@@ -315,22 +317,32 @@ def read(state: gp.ContactState, name: str) -> Array:
 
 
 def find_curve(lattice: Lattice, balls: int, most: float) -> list[Row]:
-    """The curve of a cluster medium, nothing kept: processor time, and the quadrature error."""
+    """The curve of a cluster medium, nothing kept: processor time, time by the clock, and the quadrature error."""
     cluster_curve.cache_clear()
+    start = time.perf_counter()
     seconds = processor_time(lambda: cluster_curve(gp.Uniform(WIDTH).shape, lattice, 0.0, balls, 0.0))
+    elapsed = time.perf_counter() - start
+    busy = f", {os.getloadavg()[0]:.1f} processes at work" if hasattr(os, "getloadavg") else ""
     medium = gp.ClusterMedium(gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice), balls)
     left = np.asarray(medium.law.quadrature_error((CLUSTER_SPACINGS - 0.5) * WIDTH))
     what = f"quadrature error of f*, {balls} balls, {lattice.name}: largest from a* = 0.5 up"
     note = ", ".join(f"{error:.1e}" for error in left)
     return [
-        Row(f"curve of a cluster medium of {balls} balls, {lattice.name}", seconds, "s", most),
+        Row(f"curve of a cluster medium of {balls} balls, {lattice.name}: processor time", seconds, "s", most),
+        Row(
+            f"curve of a cluster medium of {balls} balls, {lattice.name}: time by the clock",
+            elapsed,
+            "s",
+            note=f"{count_processors()} processors{busy}",
+        ),
         Row(what, float(np.max(left[CLUSTER_SPACINGS >= 0.5])), "", QUADRATURE_BOUND, note=note),
     ]
 
 
 def quadrature(repeats: int) -> list[Row]:
-    """The curves of clusters of one shell: processor time, and quadrature error."""
-    return [row for lattice, *_, sizes in CLUSTERS for row in find_curve(lattice, sizes[0], CLUSTER_SECONDS)]
+    """The curves of clusters of one shell: time, and quadrature error."""
+    first = [(lattice, sizes[0]) for lattice, *_, sizes in CLUSTERS]
+    return [row for lattice, balls in [*first, (HCP, 13)] for row in find_curve(lattice, balls, CLUSTER_SECONDS)]
 
 
 def shells(repeats: int) -> list[Row]:
