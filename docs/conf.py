@@ -7,13 +7,12 @@ from pathlib import Path as _Path
 sys.path.insert(0, str(_Path(__file__).parent))  # for _gallery and _docstrings
 
 import _docstrings
-from sphinx.util.inspect import TypeAliasForwardRef
 
 project = "granphon"
 author = "The granphon developers"
 copyright = "2026, the granphon developers"
 release = _version("granphon")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx-mathjax-offline", "sphinx_gallery.gen_gallery"]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option
@@ -21,7 +20,12 @@ html_theme = "furo"
 html_title = "granphon"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
-autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
+autodoc_type_aliases = _docstrings.ALIASES
+# what these have is said once, where they stand themselves, or by ASE and Python
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": "Result, ContactState, Sample, Equilibrium, Calculator, GetPropertiesMixin, BaseException, OSError",
+}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 autodoc_member_order = "bysource"
@@ -40,6 +44,8 @@ sphinx_gallery_conf = {
 
 
 def setup(app):
-    """Read docstrings as they are written here, and call an alias by its name inside other types too."""
-    TypeAliasForwardRef.__repr__ = lambda alias: alias.name
+    """Read docstrings and types as they are written here."""
+    _docstrings.name_aliases()
     app.connect("autodoc-process-docstring", _docstrings.process)
+    app.connect("autodoc-process-signature", _docstrings.sign)
+    app.connect("autodoc-skip-member", _docstrings.skip)

@@ -266,7 +266,7 @@ class Measured(_Listed):
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
-        """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``; see :mod:`granphon.base.tables`.
+        """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``.
 
         ``column`` is the name of the column, whose unit the first line must give; by default it is "diameter", or the only
         column of the table. ``quoted`` says whether errors may quote the table, as in

@@ -88,7 +88,7 @@ class Option:
 class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
-    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. A
+    Errors are relative errors of velocities and frequencies at the given load, as measured against simulated arrays. A
     simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube
     of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate
     enough at all of these loads; :meth:`rungs` chooses for each load.
