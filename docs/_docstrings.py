@@ -1,7 +1,7 @@
 """How the page of the interface reads docstrings and types.
 
-Sections of a docstring become lists of entries, ``name : what it is``. An entry that names a field of a class is an attribute
-of it, with its type, and can be linked and searched for as one.
+Sections of a docstring become lists of entries, ``name : what it is``. An entry that names a field of a class becomes an
+attribute of it, with its type, which can be linked and searched for.
 """
 
 from __future__ import annotations
@@ -10,9 +10,6 @@ import dataclasses
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, get_origin, get_type_hints
-
-from sphinx.util.inspect import TypeAliasForwardRef
-from sphinx.util.typing import stringify_annotation
 
 import granphon
 from granphon.base import errors
@@ -79,6 +76,8 @@ def sign(app: Any, what: str, name: str, obj: Any, options: Any, signature: str 
 
 def name_aliases() -> None:
     """Have autodoc call an alias by its name inside other types too, and arrays by their elements."""
+    from sphinx.util.inspect import TypeAliasForwardRef
+
     TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
     TypeAliasForwardRef.__getitem__ = lambda alias, of: TypeAliasForwardRef(  # type: ignore[attr-defined]
         alias.name + _ELEMENTS.get(getattr(of, "__name__", ""), "")
@@ -87,6 +86,9 @@ def name_aliases() -> None:
 
 def field_types(obj: Any) -> dict[str, str]:
     """The type of each field of a dataclass as the page says it; none of another class."""
+    from sphinx.util.inspect import TypeAliasForwardRef
+    from sphinx.util.typing import stringify_annotation
+
     if not dataclasses.is_dataclass(obj):
         return {}
     fields = [field.name for field in dataclasses.fields(obj) if not field.name.startswith("_")]

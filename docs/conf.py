@@ -12,7 +12,13 @@ project = "granphon"
 author = "The granphon developers"
 copyright = "2026, the granphon developers"
 release = _version("granphon")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx-mathjax-offline", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # brings MathJax with the pages, which then need no network
+    "sphinx_gallery.gen_gallery",
+]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option

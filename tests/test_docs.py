@@ -16,6 +16,8 @@ The blocks of a page are carried out in order, in one folder, which holds nothin
 from __future__ import annotations
 
 import ast
+import dataclasses
+import inspect
 import io
 import os
 import re
@@ -27,6 +29,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from decimal import Decimal
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -351,9 +354,8 @@ def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
 
 
 def test_every_public_name_is_in_the_page_of_the_interface():
-    listed = re.findall(r"^\.\. auto(?:class|function):: granphon\.(\w+)$", reference("api"), re.MULTILINE)
-    # errors are listed by their module, of which GranphonError is the root
-    assert sorted(listed) == sorted(set(gp.__all__) - {"__version__", "GranphonError"})
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: granphon\.(\w+)$", reference("api"), re.MULTILINE)
+    assert sorted(listed) == sorted(set(gp.__all__) - {"__version__"})
 
 
 def test_every_key_of_the_schema_has_its_row():
@@ -463,6 +465,85 @@ def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
         "Draw.", ":Parameters:", "    - **a**, **b** – two,", "      in m.", "Axes are logarithmic.",
         ":Raises:", "    - :exc:`KeyError` – no.",
     ]  # fmt: skip
+
+
+#: what an entry of the page may say of a quantity: its unit, its shape, or that it is a pure number
+_UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|1|zero|one|bytes|degrees|units"
+_PURE = r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|matplotlib|shape"
+_QUANTITY = re.compile(rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):")
+    rf"\b(?:{_UNIT})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|reduced|relative|divided by|over the mean|shape|probability|the largest of|matplotlib|:(?:meth|attr|func):"
+)
+_HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
+
+
+def interface() -> Iterator[tuple[str, Any, Any]]:
+    """Names of the page of the interface as autodoc takes them: where, the name itself, and what owns it, or None."""
+    import _docstrings
+    import conf
+
+    cut = set(conf.autodoc_default_options["inherited-members"].split(", "))
+    entry = r"^\.\. auto(?:class|function|exception):: (\S+)\.(\w+)\n((?:   :.*\n)*)"
+    for module, name, options in re.findall(entry, reference("api"), re.MULTILINE):
+        one = getattr(import_module(module), name)
+        left_out = {word for words in re.findall(r":exclude-members: (.*)", options) for word in words.split(", ")}
+        yield name, one, None
+        for member in dir(one) if isinstance(one, type) else ():
+            owner = next(base for base in one.__mro__ if member in vars(base))
+            inner = member.startswith("_") or member in _docstrings.INNER | left_out
+            if not inner and owner.__module__.startswith("granphon") and (owner is one or owner.__name__ not in cut):
+                yield f"{name}.{member}", inspect.getattr_static(one, member), one
+
+
+def lacks(where: str, one: Any, owner: Any) -> Iterator[str]:
+    """What the entry of a name of the interface does not say."""
+    function = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
+    if isinstance(one, type):
+        texts = [base.__doc__ or "" for base in one.__mro__ if base.__module__.startswith("granphon")]
+        entries = [each for text in texts for names in sections(inspect.cleandoc(text)).values() for each in names]
+        said = {name for each in entries for name in each.split(", ")}
+        for field in inspect.signature(one).parameters if dataclasses.is_dataclass(one) else ():
+            if not field.startswith("_") and field not in said:
+                yield f"{where} does not say what its field {field} is"
+    elif inspect.isfunction(function):
+        text = inspect.getdoc(getattr(owner, where.split(".")[1])) if owner else inspect.getdoc(function)
+        hints = {name: str(hint) for name, hint in function.__annotations__.items() if _HAS_NUMBERS.search(str(hint))}
+        if not text:
+            yield f"{where} has no docstring"
+        elif hints and not _QUANTITY.search(text):
+            yield f"{where} says neither the unit nor the shape of {', '.join(hints)}"
+        for name in hints.keys() - {"return"}:
+            if not re.search(rf"\b{name}\b", f"{text} {inspect.getdoc(owner) if owner else ''}"):
+                yield f"{where} does not say what {name} is"
+
+
+def test_every_name_of_the_interface_says_shapes_or_units(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    names = list(interface())
+    assert len(names) > 500
+    assert "\n".join(wrong for name in names for wrong in lacks(*name)) == ""
+
+
+def test_a_name_without_shapes_and_units_is_found():
+    def speak(force: float) -> float:
+        """Return the velocity."""
+        return force
+
+    @dataclasses.dataclass
+    class State:
+        """A state.
+
+        Attributes
+        ----------
+        force : of a contact, N.
+        """
+
+        force: float
+        overlap: float
+
+    assert list(lacks("speak", speak, None)) == [
+        "speak says neither the unit nor the shape of force, return", "speak does not say what force is",
+    ]  # fmt: skip
+    assert list(lacks("State", State, None)) == ["State does not say what its field overlap is"]
 
 
 def test_no_warning_of_the_build_is_hidden():

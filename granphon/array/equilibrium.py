@@ -198,7 +198,7 @@ class Equilibrium(Result):
 
     @property
     def stiffness(self) -> float:
-        """Stiffness df*/dy."""
+        """Stiffness df*/dy, a reduced number."""
         return self._derivatives[0]
 
     @property

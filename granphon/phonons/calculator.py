@@ -185,7 +185,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def calculate(
         self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
     ) -> None:
-        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
+        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms.
+
+        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes`` since the last call.
+        """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
@@ -403,9 +406,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return lattice, law, overlap
 
     @overload
-    def get_force_constants(
-        self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None
-    ) -> Array: ...
+    def get_force_constants(self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None) -> Array: ...
 
     @overload
     def get_force_constants(self, atoms: Atoms, format: Literal["csr"], motions: str | None = None) -> csr_array[Any]: ...
