@@ -471,8 +471,6 @@ def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
 _UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|1|zero|one|bytes|degrees|units"
 _PURE = r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|matplotlib|shape"
 _QUANTITY = re.compile(rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):")
-    rf"\b(?:{_UNIT})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|reduced|relative|divided by|over the mean|shape|probability|the largest of|matplotlib|:(?:meth|attr|func):"
-)
 _HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
 
 
