@@ -468,8 +468,8 @@ def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
 
 
 #: what an entry of the page may say of a quantity: its unit, its shape, or that it is a pure number
-_UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|1|zero|one|bytes|degrees|units"
-_PURE = r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|matplotlib|shape"
+_UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|1|zero|one|bytes|degrees"
+_PURE = r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|without a unit|standard error|pieces|units?|matplotlib|shape"
 _QUANTITY = re.compile(rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):")
 _HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
 

@@ -177,7 +177,7 @@ class Equilibrium(Result):
 
     @property
     def force(self) -> float:
-        """Mean contact force f*."""
+        """Mean contact force f*, a reduced number."""
         return float(max(self.overlap, 0.0) ** 1.5) + float(np.mean(self.excess))
 
     @property
