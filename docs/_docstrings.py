@@ -99,8 +99,13 @@ def field_types(obj: Any) -> dict[str, str]:
     return {
         name: _say_types(hints[name]) if isinstance(hints[name], str) else stringify_annotation(hints[name], "smart")
         for name in fields
-        if get_origin(hints[name]) is not ClassVar
+        if get_origin(hints[name]) is not ClassVar and not _stands_apart(obj, name)
     }
+
+
+def _stands_apart(obj: Any, name: str) -> bool:
+    """Whether autodoc lists a field by itself, as a class above it has a property of this name."""
+    return any(hasattr(vars(one).get(name), "__get__") for one in obj.__mro__)
 
 
 def _say_types(text: str) -> str:

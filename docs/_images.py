@@ -103,7 +103,8 @@ def draw_lattices() -> Any:
     figure, axes = plt.subplots(2, 5, figsize=(6.4, 3.0), layout="constrained")
     pieces = {
         "chain": [3.0], "triangular": [2.0, 1.8], "square": [2.0, 2.0], "honeycomb": [3.1, 2.7], "kagome": [3.1, 3.6],
-        "sc": [1.0] * 3, "bcc": [2.0 / 3.0**0.5] * 3, "fcc": [2.0**0.5] * 3, "hcp": [2.1, 1.8, 1.7], "diamond": [4.0 / 3.0**0.5] * 3,
+        "sc": [1.0] * 3, "bcc": [2.0 / 3.0**0.5] * 3, "fcc": [2.0**0.5] * 3, "hcp": [2.1, 1.8, 1.7],
+        "diamond": [4.0 / 3.0**0.5] * 3,
     }  # fmt: skip
     for ax, (name, box) in zip(axes.flat, pieces.items(), strict=True):
         lattice = gp.Packing(STEEL, 8e-3, lattice=name).structure

@@ -7,6 +7,8 @@ from pathlib import Path as _Path
 sys.path.insert(0, str(_Path(__file__).parent))  # for _gallery and _docstrings
 
 import _docstrings
+import _gallery
+import _links
 
 project = "granphon"
 author = "The granphon developers"
@@ -24,6 +26,8 @@ myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option
 html_theme = "furo"
 html_title = "granphon"
+html_static_path = ["_static"]
+html_css_files = ["granphon.css"]
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 autodoc_type_aliases = _docstrings.ALIASES
@@ -44,14 +48,18 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "_gallery.order",
     "image_scrapers": ("_gallery.scraper", "matplotlib"),
+    "thumbnail_size": (400, 280),
     "matplotlib_animations": True,
     "write_computation_times": False,
 }
 
 
 def setup(app):
-    """Read docstrings and types as they are written here."""
+    """Read docstrings and types as they are written here, and take the thumbnails once the gallery is made."""
+    app.connect("builder-inited", _gallery.take_panels, priority=900)
     _docstrings.name_aliases()
     app.connect("autodoc-process-docstring", _docstrings.process)
     app.connect("autodoc-process-signature", _docstrings.sign)
     app.connect("autodoc-skip-member", _docstrings.skip)
+    app.connect("source-read", _links.read)
+    app.connect("doctree-resolved", _links.link_terms)
