@@ -1,6 +1,7 @@
 """Sphinx configuration."""
 
 import sys
+from importlib.metadata import metadata as _metadata
 from importlib.metadata import version as _version
 from pathlib import Path as _Path
 
@@ -26,6 +27,14 @@ myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option
 html_theme = "furo"
 html_title = "granphon"
+# the address of the repository, once pyproject.toml has it as the URL "Repository"
+_urls = dict(url.split(", ", 1) for url in _metadata("granphon").get_all("Project-URL") or ())
+if "Repository" in _urls:
+    html_theme_options = {
+        "source_repository": _urls["Repository"],
+        "source_branch": "main",
+        "source_directory": "docs/",
+    }
 html_static_path = ["_static"]
 html_css_files = ["granphon.css"]
 autodoc_typehints = "signature"

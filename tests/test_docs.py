@@ -319,6 +319,18 @@ def test_the_readme_starts_with_the_commands_that_install_run_and_test():
     assert (ROOT / scene_file).is_file()
 
 
+def test_the_first_page_says_what_it_is_shows_it_installs_it_and_leads_to_the_repository():
+    page = DOCS / "index.md"
+    title, said, picture = page.read_text(encoding="utf-8").split("\n\n")[:3]
+    assert title == "# granphon"
+    assert len(said) > 100
+    assert picture.startswith("![")
+    assert blocks(page, "sh")[0][2].startswith("python -m pip install .\n")
+    files = re.findall(r"\{download\}`[^<]*<([^>]+)>`", page.read_text(encoding="utf-8"))
+    assert {"../README.md", "../CONTRIBUTING.md", "../LICENSE"} <= set(files)
+    assert all((DOCS / file).is_file() for file in files)
+
+
 # -- the reference --------------------------------------------------------------------------------------------------
 
 
@@ -468,8 +480,11 @@ def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
 
 
 #: what an entry of the page may say of a quantity: its unit, its shape, or that it is a pure number
-_UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|1|zero|one|bytes|degrees"
-_PURE = r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|without a unit|standard error|pieces|units?|matplotlib|shape"
+_UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|0|1|zero|one|bytes|degrees"
+_PURE = (
+    r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|without a unit|"
+    r"standard error|pieces|units?|matplotlib|shape"
+)
 _QUANTITY = re.compile(rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):")
 _HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
 
@@ -542,6 +557,37 @@ def test_a_name_without_shapes_and_units_is_found():
         "speak says neither the unit nor the shape of force, return", "speak does not say what force is",
     ]  # fmt: skip
     assert list(lacks("State", State, None)) == ["State does not say what its field overlap is"]
+
+
+# -- the glossary and the pictures ------------------------------------------------------------------------------------
+
+
+def test_the_glossary_is_one_table_in_order():
+    table = rows(reference("glossary"), "term", "symbol", "unit", "what it is", "explained in")
+    terms = [row[0] for row in table]
+    assert terms == sorted(set(terms), key=str.lower)
+    assert all(len(row) == 5 and row[3] and re.fullmatch(r"\[[^\]]+\]\([^)#]+\.md\)", row[4]) for row in table)
+    words = "\n".join(page.read_text(encoding="utf-8").lower() for page in PAGES if page.name != "glossary.md")
+    assert [term for term in terms if term.lower() not in words] == []
+
+
+def test_every_how_to_has_a_picture_that_says_what_it_shows_and_is_small():
+    for page in sorted((DOCS / "how-to").glob("*.md")):
+        pictures = re.findall(r"!\[([^\]]+)\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+        assert pictures, page.name
+        for said, target in pictures:
+            assert len(said) > 60, f"{page.name}: {target}"
+            assert (page.parent / target).stat().st_size < 100_000, target
+
+
+def test_every_picture_has_its_source_and_is_on_a_page():
+    source = ast.parse((DOCS / "_images.py").read_text(encoding="utf-8"))
+    (made,) = [one.value for one in source.body if isinstance(one, ast.AnnAssign) and ast.unparse(one.target) == "IMAGES"]
+    assert isinstance(made, ast.Dict)
+    there = sorted(path.stem for path in (DOCS / "images").iterdir())
+    assert sorted(ast.literal_eval(key) for key in made.keys if key) == there
+    shown = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert [name for name in there if f"images/{name}.png)" not in shown] == []
 
 
 def test_no_warning_of_the_build_is_hidden():
