@@ -33,7 +33,7 @@ _PANELS = {
 }
 #: size of a thumbnail, in inches and in dots per inch; of its letters, in points; and the longest label of an axis,
 #: and the longest text in a panel, in letters
-_THUMB_SIZE, _THUMB_DPI, _LETTERS, _LONGEST, _LONGEST_TEXT = (2.0, 1.4), 200, 8.0, 20, 4
+_THUMB_SIZE, _THUMB_DPI, _LETTERS, _LONGEST, _LONGEST_TEXT = (2.0, 1.4), 200, 8.0, 18, 4
 #: lines from which on they are a net, whose lines are drawn thinner
 _MANY = 200
 
@@ -84,7 +84,7 @@ def draw_panel(figure: Any, name: str, path: Path) -> None:
     for text in chosen.texts:
         text.set_visible(len(text.get_text()) <= _LONGEST_TEXT)
     labelled = chosen.axison
-    chosen.set_position((0.24, 0.28, 0.73, 0.67) if labelled else (0.02, 0.02, 0.96, 0.96))
+    chosen.set_position((0.28, 0.28, 0.69, 0.67) if labelled else (0.02, 0.02, 0.96, 0.96))
     for text in chosen.findobj(Text):
         text.set_fontsize(_LETTERS)
     for lines in chosen.findobj(LineCollection):
