@@ -511,7 +511,7 @@ def lacks(where: str, one: Any, owner: Any) -> Iterator[str]:
     """What the entry of a name of the interface does not say."""
     function = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
     if isinstance(one, type):
-        texts = [base.__doc__ or "" for base in one.__mro__ if base.__module__.startswith("granphon")]
+        texts = [base.__doc__ or "" for base in one.__mro__ if base is not object]
         entries = [each for text in texts for names in sections(inspect.cleandoc(text)).values() for each in names]
         said = {name for each in entries for name in each.split(", ")}
         for field in inspect.signature(one).parameters if dataclasses.is_dataclass(one) else ():
