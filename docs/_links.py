@@ -72,8 +72,9 @@ def link_terms(app: Any, tree: Any, page: str) -> None:
             continue
         parts: list[Any] = []
         rest = str(text)
-        while found := re.search(rf"\b(?:{'|'.join(map(re.escape, words))})(?:s|es)?\b", rest, re.IGNORECASE):
-            word = next(word for word in words if found[0].lower().startswith(word.lower()))
+        while found := re.search(_pattern(words), rest, re.IGNORECASE):
+            said = " ".join(found[0].lower().split())
+            word = next(word for word in words if said.startswith(word.lower()))
             words.remove(word)
             link = nodes.reference("", found[0], refuri=f"{place}#{slug(word)}", classes=["glossary-term"], internal=True)
             parts += [nodes.Text(rest[: found.start()]), link]
@@ -82,6 +83,11 @@ def link_terms(app: Any, tree: Any, page: str) -> None:
                 break
         if parts:
             text.parent.replace(text, [*parts, nodes.Text(rest)])
+
+
+def _pattern(words: list[str]) -> str:
+    """One of the words, or its plural; a line may end between two parts of a word."""
+    return rf"\b(?:{'|'.join(re.escape(word).replace(chr(92) + ' ', chr(92) + 's+') for word in words)})(?:s|es)?\b"
 
 
 def _above(node: Any) -> Iterator[Any]:
