@@ -1,9 +1,9 @@
 r"""Coherent and speckle
 ====================
 
-What a ball of a disordered array hears of a pulse has two parts. The mean over a plane of balls, and over arrays, is the
-coherent wave, which travels with the sound velocity and fades. The rest differs from ball to ball: the speckle, which
-arrives later and stays.
+The motion of a ball in a disordered array, when a pulse arrives, has two parts. The mean over a plane of balls, and over
+arrays, is the coherent wave, which travels with the sound velocity and fades. The rest is the speckle, which differs from
+ball to ball, arrives later and lasts longer.
 
 Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent amplitude (lines) and the rms
 of the speckle (dashed) at two distances. Right: the balls' velocities at one moment, under the lower load.
@@ -30,7 +30,7 @@ for force in (18.4, 1.8):  # N
     networks[force] = waves.network
 
 # %%
-# Of the energy that the far plane hears, nearly all is coherent at high load, and less than half at low load.
+# At high load nearly all of the energy that reaches the far plane is coherent, at low load less than half of it.
 
 coherent = {force: [pulse.coherent_fraction for pulse in both] for force, both in pulses.items()}
 assert coherent[18.4][1] > 0.95

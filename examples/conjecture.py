@@ -10,8 +10,8 @@ B. Velický and C. Caroli, Phys. Rev. E 65, 021307 (2002), assume that an effect
 (17): :math:`\tilde k=2Kd/\sqrt3` and :math:`\tilde\kappa=4Gd/\sqrt3-\tilde k`.
 
 Left: the ratio of these stiffnesses, with friction and without; dashed lines are the conjecture. Right: the sound
-velocities of the simulation over those of the effective medium at the same force; the thin line is the same medium with
-the frictionless law f(a), which the samples obey. Bars are standard errors over four arrays.
+velocities of the simulation over those of the effective medium at the same force. The thin line is the same medium with the
+frictionless law f(a), because the samples come to rest without friction. Bars are standard errors over four arrays.
 """
 
 import sys
@@ -66,9 +66,9 @@ assert 0.04 < stiffer[3] < 0.05
 assert stiffer[-1] < 1e-5
 
 # %%
-# Two effects compensate for the missing :math:`\tilde\kappa`: this stiffening, and at low load a k above that of the medium.
-# So the transverse velocity of the medium is right at all loads. Its longitudinal velocity is right down to
-# :math:`f^*=0.15`, and too low below. Without friction nothing compensates.
+# Two effects compensate for the missing :math:`\tilde\kappa`: this stiffening, and at low load a k above that of the
+# medium. So the transverse velocity of the medium is right at all loads. Its longitudinal velocity is right down to
+# :math:`f^*=0.15`, and too low at lower loads. Without friction there is no such compensation.
 
 velocity, error = {}, {}
 for friction in NAMES:

@@ -36,8 +36,8 @@ fine = np.geomspace(0.08, 2.5, 60) * packing("fcc").width_units.force
 media = {name: gp.EffectiveMedium(packing(name)).at_force(fine) for name in SHAPES}
 
 # %%
-# It does survive, and more of it: near :math:`f^*=0.02` the exponent in fcc is 0.31, in the triangular array 0.28. Far
-# above, both are 1/6.
+# It does, and the rise is even larger: near :math:`f^*=0.02` the exponent is 0.31 in fcc and 0.28 in the triangular array.
+# At high load both are 1/6.
 
 exponent = {name: gp.local_exponent(state) for name, state in states.items()}
 assert np.all(exponent["fcc"][[2, 3]] > exponent["triangular"][[2, 3]])
@@ -45,7 +45,7 @@ assert np.all(np.abs(exponent["fcc"][[2, 3]] - 0.305) < 0.02)
 assert np.all(np.abs(np.array([exponent[name][-1] for name in SHAPES]) - 1.0 / 6.0) < 0.003)
 
 # %%
-# G/K leaves that of equal balls at the same load in both lattices, but falls less in space.
+# In both lattices G/K begins to fall below that of equal balls at the same load, but it falls less in space.
 
 
 def ratio(of):
@@ -64,7 +64,7 @@ for one in softer.values():
 assert np.all(softer["fcc"][:4] > softer["triangular"][:4])
 
 # %%
-# The medium is good further down in space, as each ball has more neighbours to average over.
+# In space the medium is accurate down to lower loads, because each ball has more neighbours to average over.
 
 medium = {}
 for name, state in states.items():

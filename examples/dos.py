@@ -1,8 +1,8 @@
 """Density of states, and where its peaks come from
 ================================================
 
-The density of states of steel balls has sharp peaks and steps. In two dimensions van Hove's theorem tells where they are:
-at the frequencies at which the group velocity of a branch is zero. At a saddle of the branch the density of states has a
+The density of states of steel balls has sharp peaks and steps. By van Hove's theorem for two dimensions they are at the
+frequencies at which the group velocity of a branch is zero. At a saddle of the branch the density of states has a
 logarithmic peak, at a maximum or minimum a step.
 """
 

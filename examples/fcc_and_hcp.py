@@ -2,8 +2,8 @@ r"""Two close packings of steel balls
 =================================
 
 Face-centred cubic and hexagonal close-packed crystals of steel balls under pressure are the same layers in another order.
-Sound along the stacking axis does not notice the order: the twelve branches of hcp along Γ-A are the six of fcc along Γ-L,
-folded. In other directions the two differ.
+Sound along the stacking axis does not depend on the order: the twelve branches of hcp along Γ-A are the six of fcc along
+Γ-L, folded. In other directions the two differ.
 """
 
 import sys
@@ -25,7 +25,7 @@ states = {name: medium.at_pressure(pressure) for name, medium in media.items()}
 
 # %%
 # At the same pressure the contacts carry the same force: in both packings a ball has twelve contacts, and both are equally
-# dense. Sound velocities go as the sixth root of the pressure. Along the stacking axis those of the two are equal.
+# dense. Sound velocities are proportional to the sixth root of the pressure. Along the stacking axis they are equal.
 
 stacking = {"fcc": (1, 1, 1), "hcp": (0, 0, 1)}
 sound = {name: gp.sound_velocities(state, stacking[name]) for name, state in states.items()}
@@ -36,8 +36,8 @@ megapascal = gp.sound_velocities(media["fcc"].at_pressure(1e6), (1, 1, 1))
 print(f"along the stacking axis at 1 MPa: {megapascal.longitudinal:.1f} and {megapascal.transverse[0]:.1f} m/s")
 
 # %%
-# Two layers make a period of hcp, so that a wave vector of fcc and the one that adds up with it to the edge of its zone are
-# the same in hcp.
+# Two layers make a period of hcp. So two wave vectors of fcc whose sum is the edge of the zone of fcc are one wave vector
+# in hcp.
 
 phonons = {name: gp.Phonons(medium.at_pressure(1e6)) for name, medium in media.items()}
 part = np.linspace(0.0, 0.5, 11)[1:, None]

@@ -39,13 +39,13 @@ for state, part in ((packed, 0.18), (loose, 0.47)):
     assert abs(np.sum(forces[:, -forces.shape[-1] // 10 :]) / np.sum(forces) - part) < 0.01
 
 # %%
-# Chains of large forces are short, though longer near the threshold: two contacts on one straight line, three balls apart,
-# have forces with a correlation of 0.1, and of 0.3 near the threshold. Every ball is in balance: the forces on it add up
+# Chains of large forces are short, though longer near the threshold. The forces of two contacts on one straight line, three
+# balls apart, have a correlation of 0.1, and of 0.3 near the threshold. Every ball is in balance: the forces on it add up
 # to zero.
 
 
 def along(sample, steps):
-    """Correlation of forces so many balls apart; mean of the three directions."""
+    """Correlation of the forces of contacts on one line, at a distance in balls; mean of the three directions."""
     forces = sample.contact_forces
     pairs = [(forces[..., c], np.roll(forces[..., c], (-p * steps, -q * steps), (0, 1))) for c, (p, q) in enumerate(SHIFTS)]
     return np.mean([np.corrcoef(a.ravel(), b.ravel())[0, 1] for a, b in pairs])

@@ -1,9 +1,10 @@
 r"""A granular chain that bends and twists
 ======================================
 
-Each ball of a row of steel balls has six motions. Without stiffness against torsion and bending three of its six branches
-cost nothing: the balls twist freely about the row, and in two ways they roll on one another while the row moves sideways.
-A little of both stiffnesses, as that of glued or sintered contacts, turns these into a torsional wave and two flexural ones.
+Each ball of a row of steel balls has six motions. Without stiffness against torsion and bending three of the six branches
+have zero frequency: the balls twist freely about the row, and in two ways they roll on one another while the row moves
+sideways. Small stiffnesses against both, as in glued or sintered contacts, turn these branches into a torsional wave and
+two flexural ones.
 """
 
 import sys
@@ -26,9 +27,9 @@ loose, glued = (
 # %%
 # Closed forms, with :math:`s=\sin(qd/2)`, :math:`c=\cos(qd/2)`, :math:`\tau` and :math:`\beta` the stiffness of torsion and
 # bending over :math:`kd^2`, and frequencies in :math:`(k/M)^{1/2}`. The longitudinal branch is :math:`\omega^2=4s^2`, the
-# torsional one :math:`40\tau s^2`. Displacement across the row and rotation about the other axis across it are coupled:
-# the sum of the two :math:`\omega^2` is :math:`4\eta s^2+10(\eta c^2+4\beta s^2)`, and their product
-# :math:`160\,\eta\beta s^4`. Without bending the product is zero: one of the two costs nothing.
+# torsional one :math:`40\tau s^2`. Displacement across the row and rotation about the other axis across it are coupled: the
+# sum of the two :math:`\omega^2` is :math:`4\eta s^2+10(\eta c^2+4\beta s^2)`, and their product
+# :math:`160\,\eta\beta s^4`. Without bending the product is zero: one of the two frequencies is zero.
 
 fraction = np.linspace(0.0, 0.5, 101)
 eta, s2 = steel.mindlin_ratio, np.sin(np.pi * fraction) ** 2
@@ -48,7 +49,8 @@ branches = closed_form(TORSION, BENDING) * glued.scales.frequency / 1e3
 print("top of the flexural branches (kHz):", round(branches[-1, 2], 2))
 
 # %%
-# Long flexural waves are those of a beam, :math:`\omega=\sqrt\beta\,(qd)^2`: frequency goes as the square of q.
+# Long flexural waves are those of a beam, :math:`\omega=\sqrt\beta\,(qd)^2`, with a frequency proportional to the square of
+# q.
 
 short = 1e-3
 assert np.isclose(glued.lattice.frequencies([[short]])[0, 0], np.sqrt(BENDING) * short**2, rtol=1e-5)

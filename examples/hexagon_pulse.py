@@ -2,12 +2,13 @@ r"""A pulse through the hexagon of the experiment
 =============================================
 
 Gilles and Coste pressed 2,791 steel balls, 31 on a side, into a hexagon between walls, sent pulses from one side to the
-opposite one, and took the sound velocity from the time of flight. Here the balls are simulated one by one, with a uniform
-spread of 2.04 microns; six rigid walls press them, and five periods of 6.5 kHz are sent.
+opposite one, and computed the sound velocity from the time of flight. Here the balls are simulated one by one, with a
+uniform spread of 2.04 microns; six rigid walls press them, and five periods of 6.5 kHz are sent.
 
 Left: the velocity by the time of flight of the envelope, through balls that differ (points, with the standard error over
-samples) and through equal balls (crosses). Lines are what the same forces give for long waves and for the group of the
-pulse, in the effective medium and in the ideal lattice. Right: what single balls of the far side hear, and their mean.
+samples) and through equal balls (crosses). Lines are the velocity of long waves and the group velocity of the pulse at the
+same forces, in the effective medium and in the ideal lattice. Right: the motion of single balls of the far side, and its
+mean.
 """
 
 import sys
@@ -40,8 +41,8 @@ sent = [[send(one, load)[1] for one in hexagons] for load in side_force]
 measured = np.array([[pulse.velocity for pulse in of_load] for of_load in sent])
 
 # %%
-# Walls and ends cost time: even equal balls let the pulse arrive later than its group velocity says. Relative to them, balls
-# that differ are as slow as the effective medium.
+# Walls and ends cost time: even in equal balls the pulse arrives later than its group velocity says. The ratio of the
+# velocities in balls that differ and in equal balls is that of the effective medium.
 
 medium, ideal = gp.EffectiveMedium(differ), gp.AveragedLattice(alike)
 group = {of: [gp.pulse_velocities(of.at_force(f), FREQUENCY, ALONG).group[0] for f in force] for of in (medium, ideal)}
@@ -50,7 +51,7 @@ assert np.all((late > 0.95) & (late < 0.975))
 assert np.all(np.abs(measured.mean(axis=1) / (late * group[medium]) - 1.0)[1:] < 0.02)
 
 # %%
-# At low load the single balls hear different things: the coherent part of the energy falls to about a half.
+# At low load the motions of single balls differ: the coherent part of the energy falls to about a half.
 
 coherent = [np.mean([pulse.coherent_fraction for pulse in of_load]) for of_load in sent]
 assert coherent[0] < 0.75 < coherent[-1]

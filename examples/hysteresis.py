@@ -1,14 +1,14 @@
 r"""Hysteresis of a pressed array
 =============================
 
-Press balls of steel together, and let go again: with friction between them the force on the way back is less than on the
-way there. The work that is missing was lost by contacts that slide, and by slip that contacts do not give back when their
-force falls. Diameters differ by 2.04 microns. The arrays are at rest without friction at :math:`a^*=1/2`; from there on
-friction acts, up to :math:`a^*=0.9`, back, and there again.
+Press balls of steel together, and unload them again: with friction between them the force is smaller on the way back. The
+missing work is lost by contacts that slide, and by slip at a stiffness that falls with the force. Diameters differ by 2.04
+microns. The arrays come to rest without friction at :math:`a^*=1/2`. From there on friction acts, up to :math:`a^*=0.9`,
+back, and up again.
 
-Left: what friction adds to the mean contact force, as a part of the force of the same balls without friction. Right:
-contacts at the top of the first loading, by the part of Coulomb's limit that their tangential force takes. Bars are
-standard errors over three arrays of 24 x 24 balls.
+Left: the increase of the mean contact force by friction, as a fraction of the force of the same balls without friction.
+Right: the distribution of contacts, at the top of the first loading, over the ratio of their tangential force to Coulomb's
+limit. Bars are standard errors over three arrays of 24 x 24 balls.
 """
 
 import sys
@@ -35,8 +35,8 @@ for mu in (0.1, 0.3):
 rise = {mu: state.over_samples(lambda one: one.force) / smooth - 1.0 for mu, state in found.items()}
 
 # %%
-# Friction raises the force on the way up, and less so on the way back: with a small coefficient the force then falls below
-# that without friction. The second loading does not repeat the first.
+# Friction raises the force on the way up. On the way back it raises it less, and with a small coefficient the force even
+# falls below that without friction. The second loading does not repeat the first.
 
 top = len(up) - 1
 for mu, each in rise.items():
@@ -50,7 +50,8 @@ lost = {mu: state.over_samples(lambda one: one.dissipated_energy) for mu, state 
 assert all(np.all(np.diff(each, axis=0) > 0.0) for each in lost.values())
 
 # %%
-# A small coefficient of friction lets more contacts slide: of those closed at the top, so many are at Coulomb's limit.
+# With a small coefficient of friction more contacts slide. These are the fractions, of the contacts closed at the top, that
+# are at Coulomb's limit.
 
 sliding = {mu: np.mean([one.sliding_fraction for one in state[top].samples]) for mu, state in found.items()}
 print(", ".join(f"mu = {mu}: {100.0 * part:.1f} % slide" for mu, part in sliding.items()))

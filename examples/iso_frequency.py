@@ -2,8 +2,8 @@
 =======================
 
 On the triangular lattice long waves are isotropic, and shorter ones nearly so: "the anisotropy of the spectrum is small",
-the paper says of its Figure 2. That holds for longitudinal waves at all the frequencies shown here. But transverse waves
-of 30 kHz, close to the top of their branch, are more than half as fast again along Γ-M (30°) as along Γ-K (0°).
+the paper says of its Figure 2. This holds for longitudinal waves at all the frequencies shown here. But transverse waves of
+30 kHz, close to the top of their branch, are more than 1.5 times as fast along Γ-M (30°) as along Γ-K (0°).
 """
 
 import sys

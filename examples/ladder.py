@@ -1,10 +1,10 @@
 """The ladder of media against the array itself
 ============================================
 
-Three media approximate an array of balls of different diameters. The averaged lattice takes all balls for equal; the
-averaged force averages over pairs of balls held in place; the effective medium lets each ball give way. We judge them by
-the simulation, which finds the equilibrium of every ball and averages nothing. Here with friction, for 8 mm steel balls
-whose diameters differ by 2.04 microns; points are means of four arrays of 48 x 48 balls.
+Three media approximate an array of balls of different diameters. The averaged lattice takes all balls to be equal. The
+averaged force averages over pairs of balls that are held in place. The effective medium lets each ball give way. We compare
+them with the simulation, which finds the equilibrium of every ball without an average. All are with friction, for 8 mm
+steel balls whose diameters differ by 2.04 microns; points are means of four arrays of 48 x 48 balls.
 """
 
 import sys
@@ -29,7 +29,7 @@ media = {
 
 # %%
 # The errors of the media. The longitudinal velocity of the effective medium is right above :math:`f^*=0.15`, and its
-# transverse velocity at all loads (by luck: two errors cancel, as :ref:`another example <sphx_glr_gallery_conjecture.py>`
+# transverse velocity at all loads (by chance: two errors cancel, as :ref:`another example <sphx_glr_gallery_conjecture.py>`
 # shows).
 
 valid = array.reduced_force > 0.15

@@ -1,9 +1,10 @@
 r"""A membrane of balls, and granular graphene
 ==========================================
 
-One layer of steel balls that move across their plane and roll in it. A triangular membrane whose contacts resist bending has
-flexural waves, whose frequency goes as the square of the wave vector. Without that stiffness it goes as the cube, and there
-is none at all along Γ-M. A honeycomb of such balls is granular graphene: two of its branches cross at K in a Dirac point.
+In one layer of steel balls the balls move out of the plane and roll. A triangular membrane whose contacts resist bending
+has flexural waves, whose frequency is proportional to the square of the wave vector. Without that stiffness it is
+proportional to the cube, and is zero along Γ-M. A honeycomb of such balls is granular graphene: two of its branches cross
+at K in a Dirac point.
 """
 
 import sys
@@ -46,9 +47,9 @@ cube = np.sqrt(eta / 768.0) * q**3 * np.abs(np.cos(3.0 * angle))
 assert np.allclose(loose.lattice.frequencies(ways)[:, 0], cube, rtol=1e-4)
 
 # %%
-# Three branches of the honeycomb cost nothing: each of its balls has three motions, and the lattice three contacts for two
-# balls, each of which resists slip alone. At K two of the other branches meet at :math:`\omega^2=\frac{27}4\eta k/M`. Away
-# from K they part with the same slope in all directions, :math:`\pm d(\eta k/M)^{1/2}/(8\sqrt3)`.
+# Three branches of the honeycomb have zero frequency: two balls have six motions, and their three contacts resist three
+# slips. At K two of the other branches meet at :math:`\omega^2=\frac{27}4\eta k/M`. Away from K they separate with the same
+# slope in all directions, :math:`\pm d(\eta k/M)^{1/2}/(8\sqrt3)`.
 
 K = graphene.lattice.wavevectors([1 / 3, 1 / 3])
 assert np.allclose(

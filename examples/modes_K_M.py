@@ -1,4 +1,4 @@
-r"""Modes at K and M: what moves, and what turns
+r"""Modes at K and M: how balls move and turn
 ============================================
 
 The three modes of steel balls at K (upper row) and at M (lower row), in order of frequency from left to right. Arrows are

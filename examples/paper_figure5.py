@@ -53,7 +53,7 @@ LINES = (
 with matplotlib.rc_context(STYLE):
     figure, ax = plt.subplots(figsize=(3.4, 2.9), dpi=300, layout="constrained")
     for medium, friction, label, style in LINES:
-        inside = valid.sel(friction=friction)  # the ideal line too: where the figure of the paper is
+        inside = valid.sel(friction=friction)  # the ideal line too: in the range of the paper's figure
         values = sweep.normal_stiffness.sel(medium=medium, friction=friction)[inside]
         ax.loglog(sweep.force[inside], np.sqrt(values) / 1e3, label=label, **style)
     ax.set(xlabel="Contact force $f$ (N)", ylabel=r"$\sqrt{\tilde k}$ (10$^3$ (N/m)$^{1/2}$)")

@@ -2,15 +2,15 @@ r"""Figures 6 to 8 of the paper: equation of state
 ==============================================
 
 The force and the stiffness of the disordered array in its own units, as in B. Velický and C. Caroli, Phys. Rev. E 65,
-021307 (2002), with the points of our own simulation.
+021307 (2002), with points of our own simulation.
 
 Forces are in units of :math:`\frac23E^*d^{1/2}W^{3/2}`, lengths in the width W: the curves are then the same for all
-materials, sizes and widths. The force from the rigidity threshold :math:`a^*=0.343` on logarithmic scales (Figure 6) and
-to the power 2/3, in which the ideal lattice is straight (Figure 7); the root of the stiffness (Figure 8). Points, where
-the paper has Roux's, are four arrays of 64 x 64 balls, with standard errors. Their statics have no friction, as Roux's
-have none; nor has the medium that the paper compares with them. With friction the medium resists local rearrangement more,
-and is nearer to the averaged force. Thin lines are the effective medium with the printed :math:`\alpha` and
-:math:`\beta`, which the paper drew.
+materials, sizes and widths. Figure 6 has the force over the distance from the rigidity threshold :math:`a^*=0.343` on
+logarithmic scales, Figure 7 the force to the power 2/3, which is a straight line for the ideal lattice, and Figure 8 the
+root of the stiffness. Points are four arrays of 64 x 64 balls, with standard errors, in place of Roux's simulations in the
+paper. Like Roux's they come to rest without friction, as in the medium that the paper compares with them. With friction the
+medium resists local rearrangement more, and is nearer to the averaged force. Thin lines are the effective medium with the
+printed :math:`\alpha` and :math:`\beta`, which the paper drew.
 """
 
 import sys
@@ -34,9 +34,9 @@ smooth, rough = (
 )
 
 # %%
-# The simulation over both media, at the same spacing. At high load all agree, and the frictionless medium, which is exact
-# there to second order in :math:`1/a^*`, first. From 0.3 above the threshold ("appears to agree") either has the force to
-# 3 %; at 0.1 it has 1.5 times too much.
+# We divide the force of both media by that of the simulation, at the same spacing. At high load all agree, first the
+# frictionless medium, which is exact there to second order in :math:`1/a^*`. From 0.3 above the threshold ("appears to
+# agree") the force of both media is right to 3 %; at 0.1 above it is 1.5 times too large.
 
 force, rough_force = (simulated.force / medium.at_overlap(simulated.overlap).force - 1.0 for medium in (smooth, rough))
 assert np.all(np.abs(force[ABOVE >= 1.0]) < 5e-4)
@@ -54,7 +54,8 @@ assert np.allclose([each[4] for each in stiffness], [1.51, 1.57], atol=0.05)
 assert np.all(np.abs(np.array(stiffness)[:, ABOVE >= 0.4] - 1.0) < 0.02)
 
 # %%
-# At the threshold the regime is again nearly Hertz's: a parabola through :math:`f^{*2/3}` vanishes at 0.343.
+# Near the threshold :math:`f^{*2/3}` is again nearly a straight line, as for Hertz's law. A parabola through it vanishes at
+# 0.343.
 
 first = simulated.over_samples(lambda sample: sample.equilibrium.force)[:4] ** (2.0 / 3.0)
 zero = np.array([np.max(np.roots(np.polyfit(ABOVE[:4], one, 2))) for one in first.T])
@@ -64,7 +65,7 @@ assert error < 1.5e-3
 assert abs(np.mean(zero)) < 3.0 * error
 
 # %%
-# The averaged lattice and the averaged force frame the effective medium. At high pressure all merge, with
+# The effective medium is between the averaged lattice and the averaged force. At high pressure all agree, with
 # :math:`x=a^*-\frac12` as :math:`f^*=x^{3/2}(1+r/64x^2)`, where r is 0, 1, and :math:`\Xi/(1+\Xi)` for the effective
 # medium.
 

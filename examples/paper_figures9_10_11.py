@@ -2,13 +2,13 @@ r"""Figures 9 to 11 of the paper: who carries the load
 ==================================================
 
 How unevenly the contacts share the load, and how many of them do, as in B. Velický and C. Caroli, Phys. Rev. E 65, 021307
-(2002), with the points of our own simulation.
+(2002), with points of our own simulation.
 
-The relative fluctuation of the contact force (Figure 9) and the fraction of active contacts (Figure 10) against the
-reduced spacing, with thick lines from :math:`f^*=0.08`, the limit of validity of the effective medium, and thin ones
-below it; both with the stiffness over that of the ideal lattice, against the force, with friction (Figure 11). Points,
-where the paper has Roux's and in Figure 11 as well, are four arrays of 64 x 64 balls, with standard errors. Their statics
-have no friction.
+Figures 9 and 10 have the relative fluctuation of the contact force and the fraction of active contacts over the reduced
+spacing. Lines are thick from :math:`f^*=0.08` on, the limit of validity of the effective medium, and thin below it. Figure
+11 has both over the force, with friction, and also the stiffness over that of the ideal lattice. Points are four arrays of
+64 x 64 balls, with standard errors, in place of Roux's simulations in the paper, and in Figure 11 as well. They come to
+rest without friction.
 """
 
 import sys
@@ -34,8 +34,9 @@ smooth, rough = (
 )
 
 # %%
-# At high load the frictionless medium fluctuates as the array does; friction in the statics adds 15 %. With open contacts
-# both fluctuate more than the array, which spreads the load beyond a ball and its neighbours.
+# At high load the fluctuation in the frictionless medium is that of the array; with friction in the statics it is 15 %
+# larger. Where contacts are open, the fluctuation in both media is larger than in the array, which spreads the load beyond
+# a ball and its neighbours.
 
 high, fluctuation = SPACING >= 1.5, simulated.force_fluctuation
 assert np.all(np.abs(smooth.force_fluctuation / fluctuation - 1.0)[high] < 0.015)
@@ -57,7 +58,7 @@ assert abs(at_limit.contact_fraction - 0.873) < 0.003
 # %%
 # In the medium with friction the fluctuation is near 0.6 at the limit of validity, and no contact is open above
 # :math:`f^*=0.3`. There is no change of regime there: the stiffness is still 4 % below that of the ideal lattice. The
-# averaged force overstates the fluctuations, and balls without friction give way most.
+# averaged force gives too large fluctuations, and balls without friction give way most.
 
 LINES = (
     ("afa", True, "averaged force", "#009E73"),

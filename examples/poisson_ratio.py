@@ -4,10 +4,11 @@ r"""Poisson's ratio orders the branches
 Which branch is the highest? At the point M of the Brillouin zone one mode is transverse, one longitudinal and one purely
 rotational, and Poisson's ratio decides their order.
 
-They depend on the ratio of the shear to the normal stiffness of a contact alone, Mindlin's :math:`\eta=2(1-\nu)/(2-\nu)`
-with Poisson's ratio :math:`\nu`. Rotation crosses the transverse mode at :math:`\eta=1/2` and the longitudinal one at
-3/4. So it is the highest in steel and glass, but not in gold, whose :math:`\nu` is above 0.4; and the crossing at 1/2
-takes a tangential load, which softens contacts in shear. At K rotation is the lowest in every material.
+The reduced frequencies depend only on the ratio of the shear to the normal stiffness of a contact, which is Mindlin's
+:math:`\eta=2(1-\nu)/(2-\nu)` with Poisson's ratio :math:`\nu`. The rotational mode crosses the transverse one at
+:math:`\eta=1/2` and the longitudinal one at 3/4. So it is the highest in steel and glass, but not in gold, whose
+:math:`\nu` is above 0.4. No Poisson's ratio gives :math:`\eta=1/2`; contacts reach it only under a tangential load, which
+softens them in shear. At K the rotational mode is the lowest in every material.
 """
 
 import sys
@@ -25,14 +26,14 @@ POINTS = {"M": (1 / 2, 0), "K": (1 / 3, 1 / 3)}
 
 
 def mode(name, point, eta):
-    """Angular frequency, (k/M)^1/2, of the mode at a point of the zone that is most like the name says."""
+    """Angular frequency, (k/M)^1/2, of the mode at a point of the zone whose motion is most of the named kind."""
     lattice = gp.ContactLattice.of("triangular", eta)
     modes = lattice.modes(lattice.wavevectors([POINTS[point]]), direction=lattice.wavevectors(POINTS[point]))
     return modes.frequencies[0, np.argmax(getattr(modes, f"{name}_fraction")[0])]
 
 
 # %%
-# We find where branches cross, told apart by their motion and not by their order, and compare with the closed forms at M
+# We find where branches cross, following each by its motion and not by its order, and compare with the closed forms at M
 # and K.
 
 

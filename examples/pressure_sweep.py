@@ -22,8 +22,8 @@ sweep = gp.sweep(packing, force=np.geomspace(0.5, 500.0, 121), media="ema", widt
 
 # %%
 # The local exponent :math:`\mathrm{d}\log v/\mathrm{d}\log P` is a function of the reduced force :math:`f^*` alone, whose
-# unit is proportional to the power 3/2 of the width. So the three curves are one curve, shifted. It passes through 1/4, and
-# does not stay there.
+# unit is proportional to the power 3/2 of the width. So the three curves are one curve, shifted. The exponent passes
+# through 1/4, and is not constant there.
 
 exponent, reduced = (sweep[name].squeeze().values.T for name in ("exponent", "reduced_force"))
 quarter = [float(np.interp(-0.25, -each, force)) for each, force in zip(exponent, reduced, strict=True)]

@@ -1,11 +1,11 @@
 r"""A random packing
 ================
 
-Waves need no lattice. LAMMPS has pressed 400 balls of glass, of three sizes, together at random places in a periodic plane;
-its dumps are read as a network of contacts like any other.
+Waves can also be computed without a lattice. LAMMPS has pressed together 400 balls of glass, of three sizes, at random
+places in a periodic plane. We read its dumps as a network of contacts.
 
-Left: the contacts that carry load, lines as wide as their force, and the balls that carry none. Right: the density of
-states, and the part of it that is rotation: without the peaks that a lattice has.
+Left: contacts that carry load, as lines whose width is proportional to the force, and the balls that carry none. Right: the
+density of states, and the part of it that is rotation. It has none of the peaks of a lattice.
 """
 
 import sys
@@ -21,7 +21,7 @@ from granphon.figures.scales import FORCES
 from granphon.figures.spectra import plot_sample_dos
 from granphon.figures.style import STYLE
 
-here = Path(globals().get("__file__", "random_packing.py")).parent  # the gallery runs this in its folder, without a name
+here = Path(globals().get("__file__", "random_packing.py")).parent  # the gallery runs this here, without __file__
 folder = here / "packings"
 glass = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
 files = folder / "glass_atoms.dump", folder / "glass_pairs.dump"
@@ -31,7 +31,7 @@ waves = gp.Waves(network)
 density, modes = waves.dos(vectors=20), waves.modes(8)
 
 # %%
-# Every ball that carries load is held: the only motions that cost nothing are the two displacements of the whole.
+# Every ball that carries load is held: the only motions of zero frequency are the two displacements of the whole packing.
 
 assert network.left_out == every.n_balls - network.n_balls > 0
 assert modes.zero_modes == 2

@@ -1,9 +1,10 @@
 r"""Rolling that costs nothing
 ==========================
 
-Balls that roll on one another without slipping deform no contact, unless it resists bending or torsion. Where every ball
-has neighbours of the other kind only, all balls of one kind may turn one way and all of the other kind the other way, as
-gears do. Such modes cost nothing at points of the Brillouin zone, on lines, or everywhere.
+Balls that roll on one another without slip cost no energy, unless contacts resist bending or torsion. If the balls can be
+divided into two kinds so that every ball touches only balls of the other kind, all balls of one kind can turn one way and
+those of the other kind the opposite way, as gears do. Such modes have zero frequency at points of the Brillouin zone, on
+lines, or everywhere.
 """
 
 import sys
@@ -25,13 +26,13 @@ def crystal(lattice, **extra):
 
 
 def count(phonons, q):
-    """Number of modes of no frequency at each q point."""
+    """Number of modes of zero frequency at each q point."""
     return np.sum(phonons.frequencies(q) < 1e-9 * phonons.scales.frequency, axis=1)
 
 
 # %%
-# Everywhere in the zone: three of the six branches of the chain, one of the square and three of six of the honeycomb whose
-# balls move out of the plane. Motions outnumber there what the contacts resist.
+# Everywhere in the zone these branches are zero: three of the six of the chain, and, for balls that move out of the plane,
+# one of the square lattice and three of six of the honeycomb. There the balls have more motions than their contacts resist.
 
 rng = np.random.default_rng(0)
 chain, square, honeycomb = (
@@ -43,9 +44,9 @@ assert np.all(count(square, rng.uniform(0.05, 0.45, (9, 2))) == 1)
 assert np.all(count(honeycomb, rng.uniform(0.05, 0.45, (9, 2))) == 3)
 
 # %%
-# At points and on lines: three modes in the body-centred cubic crystal at H, where neighbours turn against one another about
-# any axis; in the simple cubic one from M to R a single one, and at R three. The face-centred cubic crystal has none,
-# because its balls touch in triangles: three gears in a ring lock.
+# At points and on lines these modes are zero: in the body-centred cubic crystal three at H, where neighbours turn against
+# one another about any axis; in the simple cubic crystal one from M to R, and three at R. The face-centred cubic crystal
+# has none, because its balls touch in triangles: three gears in a ring cannot turn.
 
 bcc, sc, fcc = crystal("bcc"), crystal("sc"), crystal("fcc")
 M, R = np.array([0.5, 0.5, 0.0]), np.array([0.5, 0.5, 0.5])
@@ -55,8 +56,9 @@ assert np.all(count(fcc, rng.uniform(0.05, 0.45, (99, 3))) == 0)
 
 # %%
 # A little stiffness against bending and torsion is enough: with a hundredth of :math:`kd^2` of each, the gears of the
-# body-centred crystal sound at 17 kHz. A contact between opposite spins twists by a third of their squared difference and
-# rolls by the rest; with the moment of inertia :math:`Md^2/10`, :math:`\omega^2=\frac{160}3(\tau+2\beta)\,k/M`.
+# body-centred crystal have a frequency of 17 kHz. If neighbours spin in opposite directions, a third of the squared
+# difference of their rotations is twist, and the rest is roll; with the moment of inertia :math:`Md^2/10`,
+# :math:`\omega^2=\frac{160}3(\tau+2\beta)\,k/M`.
 
 glued = crystal("bcc", torsion=0.01, bending=0.01)
 gears = glued.frequencies([[0.5, -0.5, 0.5]])[0, :3]

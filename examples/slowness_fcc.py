@@ -1,9 +1,10 @@
 r"""Slowness of a crystal in space
 ==============================
 
-The inverse of the sound velocity over all directions, in a face-centred cubic crystal of steel balls, without friction on
-the left and with it on the right. Three waves travel in each direction, one of them nearly longitudinal (dark). Friction
-makes sound not only faster but almost the same in all directions. Dashed lines are polarised across the cut.
+Slowness is the inverse of the sound velocity. The figure shows it over all directions, in a face-centred cubic crystal of
+steel balls, without friction on the left and with it on the right. Three waves travel in each direction, one of them nearly
+longitudinal (dark). Friction makes sound not only faster but almost the same in all directions. Dashed lines are polarised
+across the cut.
 """
 
 import sys

@@ -1,12 +1,13 @@
 r"""From sound to soft modes
 ========================
 
-The density of states of an array of balls that differ, divided by the frequency: in the plane sound gives a constant at low
-frequencies, as Debye has it. As the load falls towards the rigidity threshold the excess moves down, and close to it the
-density of states itself is flat down to low frequencies: a plateau of soft modes, in which few balls take part.
+The figure shows the density of states of an array of balls that differ, divided by the frequency. In the plane sound gives
+a constant at low frequencies, by Debye's law; what is above it is an excess of modes. As the load falls towards the
+rigidity threshold this excess moves to lower frequencies. Close to the threshold the density of states itself is constant
+down to low frequencies: a plateau of soft modes, in which few balls take part.
 
-Frequencies are over the top one of the lattice of mean contacts under the same load. Right: the part of all balls that take
-part in the modes (participation ratio), against their frequency.
+Frequencies are divided by the top frequency of the lattice of mean contacts under the same load. Right: the fraction of the
+balls that take part in a mode (participation ratio), over its frequency.
 """
 
 import sys
@@ -32,7 +33,8 @@ for at, load in enumerate(LOADS):
     modes[load] = waves.modes(24)
 
 # %%
-# The plateau: at a thirtieth of that frequency there are several times as many modes at the lowest load as at the highest.
+# The plateau: at a thirtieth of the top frequency there are several times as many modes at the lowest load as at the
+# highest.
 
 share = {load: np.interp(0.033 * top[load], one.frequencies, one.total) * top[load] for load, one in density.items()}
 assert share[0.002] > 4.0 * share[3.0]

@@ -1,13 +1,14 @@
 r"""Bands that dissolve
 ===================
 
-In an array of balls that differ a plane wave is no mode: it scatters, and its line has a width. The spectral function
-:math:`A(\mathbf q,f)` says which frequencies a wave of the wave vector q has in the array itself; the kernel polynomial
-method finds it for the whole network of contacts at once.
+In an array of balls that differ a plane wave is not a mode: it is scattered, and its line has a width. The spectral
+function :math:`A(\mathbf q,f)` is the spectrum of a wave of wave vector q in the array itself. The kernel polynomial method
+computes it for the whole network of contacts at once.
 
-The same 4,096 steel balls, spread uniformly, under two loads. Far above the spread (left, :math:`f^*=3`) the lines follow
-the bands of the lattice of mean contacts, dashed. Near the rigidity threshold (right, :math:`f^*=0.003`) only long waves are
-left: from a tenth of the top frequency on the width of a line is as large as its frequency, and the bands mean nothing.
+The figure has the same 4,096 steel balls, with a uniform spread, under two loads. Where the overlap is far above the spread
+(left, :math:`f^*=3`), the lines follow the bands of the lattice of mean contacts, dashed. Near the rigidity threshold
+(right, :math:`f^*=0.003`) only long waves are left: from a tenth of the top frequency on the width of a line is as large as
+its frequency, and the bands have no meaning.
 """
 
 import sys

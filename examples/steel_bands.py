@@ -2,9 +2,9 @@
 ====================
 
 Steel balls, 8 mm in diameter, lie in a triangular array and are pressed together with 18.4 N at each contact. The three
-branches along Γ-K-M-Γ are coloured by the part of the kinetic energy that is rotation. Dashed lines are the limit of long
-waves (equations 13 to 15 of the paper, with the corrected d²/10); the inset shows the Brillouin zone and the path. On the
-right is the density of states per ball, with the contributions of translation and rotation.
+branches along Γ-K-M-Γ are coloured by the fraction of the kinetic energy that is rotation. Dashed lines are the limit of
+long waves (equations 13 to 15 of the paper, with the corrected d²/10); the inset shows the Brillouin zone and the path. On
+the right is the density of states per ball, with the contributions of translation and rotation.
 """
 
 import sys

@@ -1,13 +1,15 @@
-r"""G/K in the limit of small width, and in truth
+r"""G/K in the limit of small width, and beyond
 =============================================
 
-Simulated balls keep the directions of the lattice: that is the limit in which diameters differ by nothing against the
-diameter. With friction in the sound this limit is reached slowly. At low load some balls are loose. In true directions they
-lean on their neighbours with next to no force, and shear springs of such contacts, which go as the cube root of the force,
-hold more than one would think. With ``geometry="exact"`` every contact has its own direction, lever arm and overlap.
+By default simulated contacts keep the directions of the lattice. This is the limit in which the width of the spread is much
+smaller than the diameter. With friction in the sound this limit is reached slowly. At low load some balls are loose. With
+true directions they touch their neighbours with a very small force. The shear stiffness of such contacts is proportional to
+the cube root of the force, so that it still adds to the shear modulus. With ``geometry="exact"`` every contact has its own
+direction, lever arm and overlap.
 
 Left: the ratio of shear to bulk modulus of arrays of steel balls with a spread of 2.04 microns, over that of the conjecture
-on friction. Right: what the limit leaves out of each modulus. Bars are standard errors over six arrays of 24 x 24 balls.
+on friction. Right: the part of each modulus that the limit leaves out. Bars are standard errors over six arrays of 24 x 24
+balls.
 """
 
 import sys
@@ -37,8 +39,9 @@ limit, truth = (
 )
 
 # %%
-# From :math:`f^*=0.1` on the limit is right to a few parts in ten thousand. Below, the shear modulus is too small: by 3 %
-# at 0.025, by 9 % at 0.012 in these arrays. The bulk modulus is hardly touched. So the conjecture is wrong by less in truth.
+# From :math:`f^*=0.1` on the limit is right to a few parts in ten thousand. At lower loads its shear modulus is too small:
+# by 3 % at 0.025, by 9 % at 0.012 in these arrays. The bulk modulus hardly changes. So with true directions the conjecture
+# is wrong by less.
 
 missing = 1.0 - limit / truth  # loads, samples, K and G
 mean, error = (100.0 * found for found in (np.mean(missing, axis=1), np.std(missing, axis=1, ddof=1) / np.sqrt(6.0)))

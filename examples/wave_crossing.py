@@ -1,9 +1,9 @@
 r"""A wave that crosses the array
 =============================
 
-One ball in the middle of a disordered array is pushed by a burst of three periods. The wave runs out as a ring, and leaves
-the speckle behind: balls that go on moving where it has been. Colours are velocities along the push, red forward and blue
-backward.
+One ball in the middle of a disordered array is pushed by a burst of three periods. The wave runs outward as a ring, and
+leaves the speckle behind: balls that continue to move after the ring has passed. Colours are velocities along the push, red
+forward and blue backward.
 """
 
 import sys
@@ -25,7 +25,7 @@ frames = np.linspace(0.1e-3, 1.0e-3, 16)
 pulse = waves.transmit(9000.0, (0, 1), 0.1, cycles=3, source=ball, ends="periodic", frames=frames)
 
 # %%
-# The front keeps to the sound velocity: no ball farther out than that has been reached.
+# The front does not exceed the sound velocity: balls farther away than that are still at rest.
 
 front = gp.sound_velocities(gp.DirectSimulation(packing, shape=(60, 70)).at_force(2.0)).longitudinal * frames[2]
 away = np.linalg.norm(places - places[ball], axis=1)

@@ -1,12 +1,12 @@
 """What accuracy costs
 ===================
 
-How accurate is each medium at a given load, and how long does it take? And inside the effective medium, what do the grid
-of the Green's function and the tolerance of the solution cost? ``granphon tradeoff`` measures this for a scene. Here we
-call it from Python, for 8 mm steel balls whose diameters differ by 2.04 microns.
+How accurate is each medium at a given load, and how long does it take? What do the grid of the Green's function and the
+tolerance of the solution cost in the effective medium? ``granphon tradeoff`` measures this for a scene. Here we call it
+from Python, for 8 mm steel balls whose diameters differ by 2.04 microns.
 
-Errors are those of the sound velocities, against references that other algorithms have made. A point is open where its
-reference is less than a hundred times more accurate than the point itself.
+Errors are those of the sound velocities, against references from other algorithms. A point is open if its reference is less
+than a hundred times more accurate than the point itself.
 """
 
 import sys
@@ -21,9 +21,9 @@ result = gp.tradeoff(packing, force=19.9, budget=20.0)  # twenty seconds, at f* 
 print("\n".join(describe_tradeoff(result, packing.structure.periods)))
 
 # %%
-# The averaged force is about three times more accurate than the averaged lattice, and the effective medium three times
-# more than that. A simulation is better than the effective medium from 8 x 8 balls on; its error falls with the root of
-# the number of balls. (The slower the machine, the fewer samples the reference has, and the less it knows.)
+# The averaged force is about three times more accurate than the averaged lattice, and the effective medium three times more
+# than that. A simulation is better than the effective medium from 8 x 8 balls on; its error falls with the inverse root of
+# the number of balls. (On a slower machine the reference has fewer samples, and is less accurate.)
 
 expected = {"ala": 4.3e-3, "afa": 1.65e-3, "computed field": 5.1e-4}
 for point in result.of("media"):
@@ -31,7 +31,7 @@ for point in result.of("media"):
         assert abs(point.error / expected[point.knob] - 1.0) < 0.03 + 4.0 * point.reference_error / expected[point.knob]
 
 # %%
-# Inside the effective medium there is nothing to gain: its grid and its tolerance are far finer than any use needs.
+# In the effective medium there is nothing to gain: its grid and its tolerance are far finer than needed.
 
 figure = tradeoff_figure(result)
 if "-o" in sys.argv:

@@ -55,14 +55,14 @@ def _granphon(
     \b
     Examples:
       granphon init                       write scene.yaml, commented
-      granphon check scene.yaml           is it right, and what will be computed?
-      granphon run scene.yaml -o out      compute, and write the folder out
+      granphon check scene.yaml           check it, and list what a run will compute
+      granphon run scene.yaml -o out      compute it, and write the folder out
       granphon plot out -o figure.pdf     draw the results again
       granphon mode scene.yaml --at K -o mode.png
                                           draw how balls move in a mode
       granphon page scene.yaml -o page.html
-                                          make a page to play with
-      granphon tradeoff scene.yaml        what accuracy costs, measured
+                                          make an interactive page for a browser
+      granphon tradeoff scene.yaml        measure the error and time of each medium
     """
 
 

@@ -43,10 +43,10 @@ _MOST_LETTERS = 200
 
 @command("doctor", rich_help_panel=ABOUT)
 def describe_system() -> None:
-    """Show what granphon runs on: versions, threads, memory and fonts. Put it into a report of a bug.
+    """Show versions, threads, memory and fonts, for a report of a bug.
 
-    Prints a plain text, without names of the user, of the machine or of the user's folders. Each optional package that
-    is there is imported, in a process of its own, and the text says if that fails. Writes nothing.
+    Prints a plain text without the names of the user, of the machine and of the user's folders. Each optional package that
+    is installed is imported in a process of its own, and the text says if the import fails. Writes no file.
 
     \b
     Example:

@@ -23,10 +23,14 @@ _MOST_FRAMES = 240
 At = Annotated[
     str,
     typer.Option(
-        "--at", metavar="Q", help="A special point, such as K, or fractions of the reciprocal cell, such as '1/3 1/3'."
+        "--at",
+        metavar="Q",
+        help="Wave vector: a special point, such as K, or fractions of the reciprocal cell, such as '1/3 1/3'.",
     ),
 ]
-Branch = Annotated[int, typer.Option("--branch", min=0, metavar="N", help="Counted from 0, in ascending frequency.")]
+Branch = Annotated[
+    int, typer.Option("--branch", min=0, metavar="N", help="The branch, counted from 0 in ascending frequency.")
+]
 Cells = Annotated[
     str | None,
     typer.Option("--cells", metavar="'N N'", help="Cells to draw along each lattice vector; by default 8, 4 4, or a cube."),
@@ -35,7 +39,7 @@ Along = Annotated[
     str | None,
     typer.Option(
         "--direction", metavar="'X Y'",
-        help="Side from which the point is approached, where branches touch; by default the scene's direction, else x.",
+        help="Direction from which a point where branches touch is approached; by default the scene's direction, else x.",
     ),
 ]  # fmt: skip
 
@@ -45,7 +49,8 @@ def draw_mode(
     scene: SceneFile,
     at: At,
     out: Annotated[
-        str, typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg).")
+        str,
+        typer.Option("--out", "-o", metavar="FILE", help="The file to write; its ending is the format (.png, .pdf, .svg)."),
     ],
     branch: Branch = 0,
     cells: Cells = None,
@@ -56,8 +61,8 @@ def draw_mode(
 
     Arrows are displacements. In a plane the angle of a ball is the sector from the upright to its mark, vermilion
     anticlockwise and blue clockwise; balls that leave the plane, and those of crystals, are spheres, with a vermilion arrow
-    along the axis of rotation. The title says the wave vector, the frequency, and the part of the energy in rotation. The
-    scene has one state: a scene with several loads or media, or with a block 'sweep', is refused.
+    along the axis of rotation. The title has the wave vector, the frequency, and the fraction of the energy in rotation. The
+    scene must have one state: one load, one medium, and no block 'sweep'.
 
     \b
     Examples:
@@ -78,19 +83,21 @@ def draw_mode(
 def animate_scene(
     scene: SceneFile,
     at: At,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where to, a name that ends in .gif.")],
+    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="The file to write; its name ends in .gif.")],
     branch: Branch = 0,
     cells: Cells = None,
     direction: Along = None,
     frames: Annotated[
         int,
-        typer.Option(min=2, max=_MOST_FRAMES, metavar="N", help="Pictures in a period, which takes two seconds."),
+        typer.Option(
+            min=2, max=_MOST_FRAMES, metavar="N", help="Number of pictures in one period, which takes two seconds."
+        ),
     ] = 24,
     force: Force = False,
 ) -> None:
-    """Draw how the balls of a scene move and rotate in one mode, as an animation of one period that repeats.
+    """Draw a mode as an animation of one period that repeats.
 
-    What is drawn, and of which scenes, is as for 'granphon mode'.
+    The animation shows the same as 'granphon mode', and takes the same scenes.
 
     \b
     Examples:

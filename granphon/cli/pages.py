@@ -24,16 +24,17 @@ _FORMATS = ("phononwebsite",)
 @command("page", rich_help_panel=PICTURES)
 def make_scene_page(
     scene: SceneFile,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where to, a name that ends in .html.")],
+    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="The file to write; its name ends in .html.")],
     force: Force = False,
 ) -> None:
-    """Make a page to play with: the bands of a scene in one file for a browser, which works without a network.
+    """Make an interactive page of a scene for a browser.
 
-    Its sliders are the load, the width of the spread, friction, torsion and bending, and a switch is finite overlap. It
-    shows bands, density of states, the balls as they move in a mode, sound velocities and moduli. It computes all of this
-    itself, except for the stiffness of contacts of balls that differ: that is computed here, and interpolated there with
-    the error that the page names. A scene of several loads or media makes one page, which begins at the first; of a block
-    'sweep' it takes the first value of each parameter. An effective medium in space takes up to half a minute.
+    The page is one file, which works without a network. Sliders change the load, the width of the spread, friction, torsion
+    and bending; a switch changes finite overlap. The page shows bands, density of states, the balls as they move in a mode,
+    sound velocities and moduli. It computes all of this itself, except for the stiffness of contacts of balls that differ.
+    That stiffness is computed when the page is made, and interpolated; the page names the error of the interpolation. A
+    scene of several loads or media makes one page, which begins at the first. From a block 'sweep' the page takes the first
+    value of each parameter. With an effective medium in space this command takes up to half a minute.
 
     \b
     Examples:
@@ -59,7 +60,7 @@ def make_scene_page(
 @command("export", rich_help_panel=PICTURES)
 def export_scene(
     scene: SceneFile,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where to, a name that ends in .json.")],
+    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="The file to write; its name ends in .json.")],
     format: Annotated[
         str, typer.Option("--format", metavar="NAME", help=f"The program that reads the file: {', '.join(_FORMATS)}.")
     ] = "phononwebsite",
@@ -67,10 +68,10 @@ def export_scene(
 ) -> None:
     """Write the bands and modes of a scene for another program.
 
-    For phononwebsite, a viewer in the browser, the file is its JSON. A ball is an iron atom; a ball that turns carries two
-    hydrogen atoms as marks, which show its spin. Frequencies have the unit that the name in the file tells. The path and
-    the number of its points are those of the scene. The scene has one state: a scene with several loads or media, or with
-    a block 'sweep', is refused.
+    The file is the JSON of phononwebsite, a viewer in the browser. A ball is an iron atom; a ball that turns carries two
+    hydrogen atoms as marks, which show its rotation. The name in the file says the unit of the frequencies. The path and
+    the number of its points are those of the scene. The scene must have one state: one load, one medium, and no block
+    'sweep'.
 
     \b
     Examples:

@@ -31,7 +31,7 @@ _GO_ON = "The finished parts of the sweep are kept: run the same command again t
 @command("init", rich_help_panel=SCENES)
 def write_preset(
     path: Annotated[str, typer.Argument(metavar="[PATH]", help="The file to write.")] = "scene.yaml",
-    preset: Annotated[str, typer.Option(help="What to start from: " + ", ".join(PRESETS) + ".")] = PRESETS[0],
+    preset: Annotated[str, typer.Option(help="The scene to start from: " + ", ".join(PRESETS) + ".")] = PRESETS[0],
     force: Force = False,
 ) -> None:
     """Write a commented scene to start from.
@@ -64,10 +64,10 @@ def write_preset(
 
 @command("check", rich_help_panel=SCENES)
 def check_scene(scene: SceneFile) -> None:
-    """Check a scene, and show what it means.
+    """Check a scene, and show its values.
 
-    Shows the values in readable units, the files that a run would write, the time and memory of a long run, and where the
-    model fails. Writes nothing and simulates nothing; checks that would take long are left to the run.
+    Shows the values in readable units, the files that a run would write, the time and memory of a long run, and at which
+    loads a limit of the model is passed. Writes nothing and simulates nothing; long checks are left to the run.
 
     \b
     Example:
@@ -170,14 +170,16 @@ def draw_results(
     folder: Annotated[str, typer.Argument(metavar="DIR", help="A folder that 'granphon run' wrote.")],
     out: Annotated[
         str | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg)."),
+        typer.Option("--out", "-o", metavar="FILE", help="The file to write; its ending is the format (.png, .pdf, .svg)."),
     ] = None,
-    asymptotes: Annotated[bool, typer.Option("--asymptotes", help="Add the long waves to the bands.")] = False,
+    asymptotes: Annotated[
+        bool, typer.Option("--asymptotes", help="Add the sound velocities of long waves to the bands.")
+    ] = False,
     variable: Annotated[
-        str | None, typer.Option("--variable", metavar="NAME", help="Draw one variable of a sweep, such as bulk.")
+        str | None, typer.Option("--variable", metavar="NAME", help="Draw this variable of a sweep, such as bulk.")
     ] = None,
     backend: Annotated[
-        str | None, typer.Option("--backend", metavar="NAME", help="The backend of matplotlib that draws, such as pgf.")
+        str | None, typer.Option("--backend", metavar="NAME", help="The backend of matplotlib, such as pgf.")
     ] = None,
     force: Force = False,
 ) -> None:

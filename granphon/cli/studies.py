@@ -29,16 +29,18 @@ def fit_measurements(
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = None,
     parameter: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Fit this too: young_modulus, diameter. May be repeated."),
+        typer.Option(metavar="NAME", help="Fit this as well: young_modulus, diameter. May be repeated."),
     ] = None,
-    frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Of the pulses, such as '6.5 kHz'.")] = None,
-    distance: Annotated[str | None, typer.Option(metavar="M", help="How far sound went, such as '0.4 m'.")] = None,
+    frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Frequency of the pulses, such as '6.5 kHz'.")] = None,
+    distance: Annotated[
+        str | None, typer.Option(metavar="M", help="Distance of the time of flight, such as '0.4 m'.")
+    ] = None,
     sigma: Annotated[
         str | None, typer.Option(metavar="M/S", help="Standard error of velocities, such as '5 m/s' or '1 %'.")
     ] = None,
     column: Annotated[
         list[str] | None,
-        typer.Option(metavar="KIND=NAME", help="How a column is headed, such as 'velocity=v (km/s)'. May be repeated."),
+        typer.Option(metavar="KIND=NAME", help="Name of a column, such as 'velocity=v (km/s)'. May be repeated."),
     ] = None,
     width: Annotated[bool, typer.Option("--width/--no-width", help="Fit the width, or keep the scene's spread.")] = True,
     branch: Annotated[
@@ -48,19 +50,20 @@ def fit_measurements(
         str | None,
         typer.Option(
             metavar="'X Y'",
-            help="Of propagation, a number for each period; by default the scene's, else the last axis.",
+            help="Direction of sound, a number for each period; by default the scene's, else the last axis.",
         ),
     ] = None,
     force: Force = False,
 ) -> None:
-    """Find the width of the distribution of diameters from measured sound velocities.
+    """Fit the spread of diameters to measured sound velocities.
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
-    fitted in ema, and several loads in the scene are left aside; a warning says so. Each column of the table is headed by
-    a name and a unit: 'force (N)', 'pressure (N/m)' (in space 'pressure (kPa)') or 'side_force (N)' (the scene then gives
-    balls_per_side); 'velocity (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma (%)',
-    'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml,
-    fit.csv and fit.png.
+    fitted with ema, and the loads of the scene are not used; a warning says so if it has several.
+
+    Each column of the table has a name and a unit. The load is 'force (N)', 'pressure (N/m)' (in space 'pressure (kPa)') or
+    'side_force (N)' (the scene then gives balls_per_side). The velocity is 'velocity (m/s)', or 'time (ms)' and
+    'distance (m)'. If known, there are also 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', and 'frequency (kHz)'.
+    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -161,20 +164,20 @@ def measure_tradeoff(
     scene: SceneFile,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tradeoff.csv and .png.")] = None,
     budget: Annotated[
-        str, typer.Option(metavar="TIME", help="What measuring may take; imports and drawing come on top.")
+        str, typer.Option(metavar="TIME", help="Time for the measurements; imports and drawing are extra.")
     ] = "3 minutes",
-    loads: Annotated[int, typer.Option(min=1, metavar="N", help="At most so many of the loads.")] = 3,
-    runs: Annotated[int, typer.Option(min=5, metavar="N", help="How often each point is timed.")] = 5,
+    loads: Annotated[int, typer.Option(min=1, metavar="N", help="Largest number of loads to use.")] = 3,
+    runs: Annotated[int, typer.Option(min=5, metavar="N", help="Number of timed runs of each point.")] = 5,
     force: Force = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table; warnings stay.")] = False,
 ) -> None:
-    """Measure the time, memory and error of the media, and of the settings inside them, for a scene.
+    """Measure time, memory and error of the media for a scene.
 
-    Compares, for the balls and the loads of the scene, the averaged lattice and force, the effective medium, and simulations
-    of several sizes; then settings of the Green's function's grid, of the solution of the effective medium, and of the mesh
-    of the density of states if the scene observes it. An error is that of the quantities which the scene observes, against a
-    reference from another algorithm; a time is the median of warm runs. What does not fit into the budget is listed as not
-    run. The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
+    For the balls and the loads of the scene it compares the averaged lattice, the averaged force, the effective medium, and
+    simulations of several sizes. It also compares settings: the grid of the Green's function, the solution of the effective
+    medium, and the mesh of the density of states if the scene observes it. An error is that of the observed quantities,
+    against a reference from another algorithm. A time is the median of warm runs. What does not fit into the budget is
+    listed as not run. The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
 
     \b
     Examples:
