@@ -1,26 +1,120 @@
-"""Sections of docstrings as lists of fields: ``name : what it is``, where types are those of the signature."""
+"""How the page of the interface reads docstrings and types.
+
+Sections of a docstring become lists of entries, ``name : what it is``. An entry that names a field of a class becomes an
+attribute of it, with its type, which can be linked and searched for.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, get_origin, get_type_hints
 
+import granphon
 from granphon.base import errors
 
 #: a section's title, underlined
 _TITLES = ("Parameters", "Attributes", "Returns", "Raises", "Warns", "Notes")
 #: one name or several, and the first line of what they are
 _ENTRY = re.compile(r"^(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)*) : (?P<text>.*)$")
+#: a link to a name of the package by the module where it is written
+_ROLE = re.compile(r":(?P<role>func|class|meth|attr|exc):`(?P<path>granphon\.[\w.]+)`")
+#: names that are imported from granphon itself
+_PUBLIC = {f"{getattr(granphon, name).__module__}.{name}": name for name in granphon.__all__ if not name.startswith("_")}
+#: what annotations are called on the page; those in capitals without a module are explained there
+ALIASES = {
+    "Array": "Array",
+    "ArrayLike": "ArrayLike",
+    "NDArray": "Array",
+    "Index": "Array[int]",
+    "Values": "Any",
+    "Law": "granphon.media.state.ContactLaw",
+    "SampleLaw": "granphon.media.state.ContactLaw",
+    "StateT": "granphon.media.state.ContactState",
+    "Compatibility": "granphon.dynamics.modes.ContactLattice",
+    "TrueEquilibrium": "granphon.array.equilibrium.Equilibrium",
+    "PressedEquilibrium": "granphon.array.equilibrium.Equilibrium",
+    "Equilibrium": "granphon.array.equilibrium.Equilibrium",
+}
+#: how elements of arrays other than floats are called
+_ELEMENTS = {"int64": "[int]", "bool": "[bool]", "complex128": "[complex]"}
+#: public by name, and no part of the interface: what classes of the package ask of each other
+INNER = frozenset({
+    "added", "schema", "shapes", "shown", "options", "written_as", "said_units", "check", "check_finite", "check_mean",
+    "check_sizes", "check_state", "once", "branch_scales", "prescribed", "require", "discard_results_on_any_change",
+    "implemented_properties", "set", "units_of", "flat", "describe", "width_units", "response", "tally", "plan", "survey",
+    "rung", "operator", "parameters_of_branches", "sweeps_exponents", "waves_need_arrays", "to_info",
+})  # fmt: skip
 
 
 def process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """For ``autodoc-process-docstring``."""
-    lines[:] = rendered(lines)
+    said = (_ROLE.sub(_say_publicly, line) for line in lines)
+    lines[:] = rendered(list(said), field_types(obj) if what == "class" else {})
 
 
-def rendered(lines: list[str]) -> list[str]:
-    """The lines of a docstring as reStructuredText."""
+def _say_publicly(link: re.Match[str]) -> str:
+    """A link without the module, which a reader need not know; by the public name if there is one."""
+    owner, _, member = link["path"].rpartition(".")
+    if link["path"] in _PUBLIC:
+        return f":{link['role']}:`~granphon.{_PUBLIC[link['path']]}`"
+    if owner in _PUBLIC:
+        return f":{link['role']}:`{_PUBLIC[owner]}.{member} <granphon.{_PUBLIC[owner]}.{member}>`"
+    return f":{link['role']}:`~{link['path']}`"
+
+
+def skip(app: Any, what: str, name: str, obj: Any, skipped: bool, options: Any) -> bool | None:
+    """For ``autodoc-skip-member``."""
+    return True if what == "class" and name in INNER else None
+
+
+def sign(app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
+    """For ``autodoc-process-signature``: names that autodoc could not look up, and defaults made anew for each object."""
+    return signature and _say_types(signature.replace("<factory>", "...")), returned and _say_types(returned)
+
+
+def name_aliases() -> None:
+    """Have autodoc call an alias by its name inside other types too, and arrays by their elements."""
+    from sphinx.util.inspect import TypeAliasForwardRef
+
+    TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
+    TypeAliasForwardRef.__getitem__ = lambda alias, of: TypeAliasForwardRef(  # type: ignore[attr-defined]
+        alias.name + _ELEMENTS.get(getattr(of, "__name__", ""), "")
+    )
+
+
+def field_types(obj: Any) -> dict[str, str]:
+    """The type of each field of a dataclass as the page says it; none of another class."""
+    from sphinx.util.inspect import TypeAliasForwardRef
+    from sphinx.util.typing import stringify_annotation
+
+    if not dataclasses.is_dataclass(obj):
+        return {}
+    fields = [field.name for field in dataclasses.fields(obj) if not field.name.startswith("_")]
+    try:
+        hints = get_type_hints(obj, None, {name: TypeAliasForwardRef(said) for name, said in ALIASES.items()})
+    except NameError:  # imported for type checkers alone
+        hints = {name: hint for one in reversed(obj.__mro__) for name, hint in getattr(one, "__annotations__", {}).items()}
+    return {
+        name: _say_types(hints[name]) if isinstance(hints[name], str) else stringify_annotation(hints[name], "smart")
+        for name in fields
+        if get_origin(hints[name]) is not ClassVar and not _stands_apart(obj, name)
+    }
+
+
+def _stands_apart(obj: Any, name: str) -> bool:
+    """Whether autodoc lists a field by itself, as a class above it has a property of this name."""
+    return any(hasattr(vars(one).get(name), "__get__") for one in obj.__mro__)
+
+
+def _say_types(text: str) -> str:
+    """Types as a text of annotations has them, with their aliases said."""
+    return re.sub(r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text)
+
+
+def rendered(lines: list[str], fields: Mapping[str, str] = {}) -> list[str]:
+    """The lines of a docstring as reStructuredText; ``fields`` are the types of the attributes of its class."""
     out: list[str] = []
     title, at = "", 0
     while at < len(lines):
@@ -31,8 +125,7 @@ def rendered(lines: list[str]) -> list[str]:
             end = next(_ends(lines, at))
             entry, rest = _ENTRY.match(lines[at]), lines[at + 1 : end]
             if entry:
-                names = [_exception(n) if title in ("Raises", "Warns") else _bold(n) for n in entry["names"].split(", ")]
-                out += [f"    - {', '.join(names)} – {entry['text']}", *(f"      {line.strip()}" for line in rest), ""]
+                out += _render_entry(title, entry["names"].split(", "), entry["text"], rest, fields)
             elif not lines[at - 1].strip() and title != "Notes":  # a paragraph after the section
                 title = ""
                 continue
@@ -43,6 +136,17 @@ def rendered(lines: list[str]) -> list[str]:
             out.append(lines[at])
             at += 1
     return out
+
+
+def _render_entry(title: str, names: list[str], text: str, rest: list[str], fields: Mapping[str, str]) -> list[str]:
+    """An entry of a section: an item of a list, or the definition of an attribute."""
+    if set(names) <= set(fields):
+        types = {fields[name] for name in names}
+        made = [f"    .. py:attribute:: {names[0]}", *(f"                      {name}" for name in names[1:])]
+        made += [f"       :type: {types.pop()}"] if len(types) == 1 else []
+        return [*made, "", f"       {text}", *(f"       {line.strip()}" for line in rest), ""]
+    shown = [_exception(name) if title in ("Raises", "Warns") else _bold(name) for name in names]
+    return [f"    - {', '.join(shown)} – {text}", *(f"      {line.strip()}" for line in rest), ""]
 
 
 def _ends(lines: list[str], at: int) -> Iterator[int]:

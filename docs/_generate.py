@@ -156,7 +156,7 @@ def result_units() -> str:
     rows = []
     for module, name in documented:
         one = getattr(import_module(module), name)
-        if not (isinstance(one, type) and issubclass(one, Result)):
+        if not (isinstance(one, type) and issubclass(one, Result)) or one is Result:
             continue
         parent = next(base for base in one.__mro__[1:] if "units" in vars(base))
         inherited = parent.units if issubclass(parent, ContactState) else {}

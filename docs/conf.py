@@ -1,27 +1,50 @@
 """Sphinx configuration."""
 
 import sys
+from importlib.metadata import metadata as _metadata
 from importlib.metadata import version as _version
 from pathlib import Path as _Path
 
 sys.path.insert(0, str(_Path(__file__).parent))  # for _gallery and _docstrings
 
 import _docstrings
-from sphinx.util.inspect import TypeAliasForwardRef
+import _gallery
+import _links
 
 project = "granphon"
 author = "The granphon developers"
 copyright = "2026, the granphon developers"
 release = _version("granphon")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # brings MathJax with the pages, which then need no network
+    "sphinx_gallery.gen_gallery",
+]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option
 html_theme = "furo"
 html_title = "granphon"
+# the address of the repository, once pyproject.toml has it as the URL "Repository"
+_urls = dict(url.split(", ", 1) for url in _metadata("granphon").get_all("Project-URL") or ())
+if "Repository" in _urls:
+    html_theme_options = {
+        "source_repository": _urls["Repository"],
+        "source_branch": "main",
+        "source_directory": "docs/",
+    }
+html_static_path = ["_static"]
+html_css_files = ["granphon.css"]
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
-autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
+autodoc_type_aliases = _docstrings.ALIASES
+# what these have is said once, where they stand themselves, or by ASE and Python
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": "Result, ContactState, Sample, Equilibrium, Calculator, GetPropertiesMixin, BaseException, OSError",
+}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 autodoc_member_order = "bysource"
@@ -34,12 +57,18 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "_gallery.order",
     "image_scrapers": ("_gallery.scraper", "matplotlib"),
+    "thumbnail_size": (400, 280),
     "matplotlib_animations": True,
     "write_computation_times": False,
 }
 
 
 def setup(app):
-    """Read docstrings as they are written here, and call an alias by its name inside other types too."""
-    TypeAliasForwardRef.__repr__ = lambda alias: alias.name
+    """Read docstrings and types as they are written here, and take the thumbnails once the gallery is made."""
+    app.connect("builder-inited", _gallery.take_panels, priority=900)
+    _docstrings.name_aliases()
     app.connect("autodoc-process-docstring", _docstrings.process)
+    app.connect("autodoc-process-signature", _docstrings.sign)
+    app.connect("autodoc-skip-member", _docstrings.skip)
+    app.connect("source-read", _links.read)
+    app.connect("doctree-resolved", _links.link_terms)

@@ -16,6 +16,8 @@ The blocks of a page are carried out in order, in one folder, which holds nothin
 from __future__ import annotations
 
 import ast
+import dataclasses
+import inspect
 import io
 import os
 import re
@@ -27,6 +29,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from decimal import Decimal
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -316,6 +319,18 @@ def test_the_readme_starts_with_the_commands_that_install_run_and_test():
     assert (ROOT / scene_file).is_file()
 
 
+def test_the_first_page_says_what_it_is_shows_it_installs_it_and_leads_to_the_repository():
+    page = DOCS / "index.md"
+    title, said, picture = page.read_text(encoding="utf-8").split("\n\n")[:3]
+    assert title == "# granphon"
+    assert len(said) > 100
+    assert picture.startswith("![")
+    assert blocks(page, "sh")[0][2].startswith("python -m pip install .\n")
+    files = re.findall(r"\{download\}`[^<]*<([^>]+)>`", page.read_text(encoding="utf-8"))
+    assert {"../README.md", "../CONTRIBUTING.md", "../LICENSE"} <= set(files)
+    assert all((DOCS / file).is_file() for file in files)
+
+
 # -- the reference --------------------------------------------------------------------------------------------------
 
 
@@ -351,9 +366,8 @@ def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
 
 
 def test_every_public_name_is_in_the_page_of_the_interface():
-    listed = re.findall(r"^\.\. auto(?:class|function):: granphon\.(\w+)$", reference("api"), re.MULTILINE)
-    # errors are listed by their module, of which GranphonError is the root
-    assert sorted(listed) == sorted(set(gp.__all__) - {"__version__", "GranphonError"})
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: granphon\.(\w+)$", reference("api"), re.MULTILINE)
+    assert sorted(listed) == sorted(set(gp.__all__) - {"__version__"})
 
 
 def test_every_key_of_the_schema_has_its_row():
@@ -463,6 +477,119 @@ def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
         "Draw.", ":Parameters:", "    - **a**, **b** – two,", "      in m.", "Axes are logarithmic.",
         ":Raises:", "    - :exc:`KeyError` – no.",
     ]  # fmt: skip
+
+
+#: what an entry of the page may say of a quantity: its unit, its shape, or that it is a pure number
+_UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|0|1|zero|one|bytes|degrees"
+_PURE = (
+    r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|without a unit|"
+    r"standard error|pieces|units?|matplotlib|shape"
+)
+_QUANTITY = re.compile(rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):")
+_HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
+
+
+def interface() -> Iterator[tuple[str, Any, Any]]:
+    """Names of the page of the interface as autodoc takes them: where, the name itself, and what owns it, or None."""
+    import _docstrings
+    import conf
+
+    cut = set(conf.autodoc_default_options["inherited-members"].split(", "))
+    entry = r"^\.\. auto(?:class|function|exception):: (\S+)\.(\w+)\n((?:   :.*\n)*)"
+    for module, name, options in re.findall(entry, reference("api"), re.MULTILINE):
+        one = getattr(import_module(module), name)
+        left_out = {word for words in re.findall(r":exclude-members: (.*)", options) for word in words.split(", ")}
+        yield name, one, None
+        for member in dir(one) if isinstance(one, type) else ():
+            owner = next(base for base in one.__mro__ if member in vars(base))
+            inner = member.startswith("_") or member in _docstrings.INNER | left_out
+            if not inner and owner.__module__.startswith("granphon") and (owner is one or owner.__name__ not in cut):
+                yield f"{name}.{member}", inspect.getattr_static(one, member), one
+
+
+def lacks(where: str, one: Any, owner: Any) -> Iterator[str]:
+    """What the entry of a name of the interface does not say."""
+    function = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
+    if isinstance(one, type):
+        texts = [base.__doc__ or "" for base in one.__mro__ if base is not object]
+        entries = [each for text in texts for names in sections(inspect.cleandoc(text)).values() for each in names]
+        said = {name for each in entries for name in each.split(", ")}
+        for field in inspect.signature(one).parameters if dataclasses.is_dataclass(one) else ():
+            if not field.startswith("_") and field not in said:
+                yield f"{where} does not say what its field {field} is"
+    elif inspect.isfunction(function):
+        text = inspect.getdoc(getattr(owner, where.split(".")[1])) if owner else inspect.getdoc(function)
+        hints = {name: str(hint) for name, hint in function.__annotations__.items() if _HAS_NUMBERS.search(str(hint))}
+        if not text:
+            yield f"{where} has no docstring"
+        elif hints and not _QUANTITY.search(text):
+            yield f"{where} says neither the unit nor the shape of {', '.join(hints)}"
+        for name in hints.keys() - {"return"}:
+            if not re.search(rf"\b{name}\b", f"{text} {inspect.getdoc(owner) if owner else ''}"):
+                yield f"{where} does not say what {name} is"
+
+
+def test_every_name_of_the_interface_says_shapes_or_units(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    names = list(interface())
+    assert len(names) > 500
+    assert "\n".join(wrong for name in names for wrong in lacks(*name)) == ""
+
+
+def test_a_name_without_shapes_and_units_is_found():
+    def speak(force: float) -> float:
+        """Return the velocity."""
+        return force
+
+    @dataclasses.dataclass
+    class State:
+        """A state.
+
+        Attributes
+        ----------
+        force : of a contact, N.
+        """
+
+        force: float
+        overlap: float
+
+    assert list(lacks("speak", speak, None)) == [
+        "speak says neither the unit nor the shape of force, return", "speak does not say what force is",
+    ]  # fmt: skip
+    assert list(lacks("State", State, None)) == ["State does not say what its field overlap is"]
+
+
+# -- the glossary and the pictures ------------------------------------------------------------------------------------
+
+
+def test_the_glossary_is_one_table_in_order():
+    table = rows(reference("glossary"), "term", "symbol", "unit", "what it is", "explained in")
+    terms = [row[0] for row in table]
+    assert terms == sorted(set(terms), key=str.lower)
+    assert all(len(row) == 5 and row[3] and re.fullmatch(r"\[[^\]]+\]\([^)#]+\.md\)", row[4]) for row in table)
+    words = " ".join(
+        " ".join(page.read_text(encoding="utf-8").lower().split()) for page in PAGES if page.name != "glossary.md"
+    )
+    assert [term for term in terms if term.lower() not in words] == []
+
+
+def test_every_how_to_has_a_picture_that_says_what_it_shows_and_is_small():
+    for page in sorted((DOCS / "how-to").glob("*.md")):
+        pictures = re.findall(r"!\[([^\]]+)\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+        assert pictures, page.name
+        for said, target in pictures:
+            assert len(said) > 60, f"{page.name}: {target}"
+            assert (page.parent / target).stat().st_size < 100_000, target
+
+
+def test_every_picture_has_its_source_and_is_on_a_page():
+    source = ast.parse((DOCS / "_images.py").read_text(encoding="utf-8"))
+    (made,) = [one.value for one in source.body if isinstance(one, ast.AnnAssign) and ast.unparse(one.target) == "IMAGES"]
+    assert isinstance(made, ast.Dict)
+    there = sorted(path.stem for path in (DOCS / "images").iterdir())
+    assert sorted(ast.literal_eval(key) for key in made.keys if key) == there
+    shown = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert [name for name in there if f"images/{name}.png)" not in shown] == []
 
 
 def test_no_warning_of_the_build_is_hidden():

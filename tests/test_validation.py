@@ -33,7 +33,7 @@ PAGE = DOCS / "reference" / "validation.md"
 _CLAIM = re.compile(r"<!-- claim: ([a-z0-9-]+) -->")
 _PRODUCER = re.compile(
     r"`(?:(?P<test>tests/test_\w+\.py)::(?P<name>test_\w+)|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
-    r"|(?P<example>examples/\w+\.py))`"
+    r"|(?P<example>examples/\w+\.py)|(?P<blocks>blocks))`"
 )
 
 
@@ -53,13 +53,13 @@ class Row:
 @cache
 def rows() -> dict[str, list[Row]]:
     """The rows of each page, which the heading above them links to."""
-    parts = re.split(r"^### (.+)\n", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    tables = PAGE.read_text(encoding="utf-8").partition("<!-- without claims -->")[0]
+    parts = re.split(r"^### (.+)\n", tables, flags=re.MULTILINE)[1:]
     found = {}
     for head, text in zip(parts[::2], parts[1::2], strict=True):
         link = re.fullmatch(r"\[[^\]]+\]\(([^)#]+)\)", head)
         page = (PAGE.parent / link[1]).resolve().relative_to(DOCS).as_posix() if link else head
-        heads, *lines = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", text, re.MULTILINE)
-        assert heads == ("id", "claim", "produced by"), page
+        _, *lines = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", text, re.MULTILINE)  # the first row is the heads
         found[page] = [Row(*line) for line in lines]
     return found
 
@@ -77,14 +77,10 @@ def marked() -> dict[str, set[str]]:
     return found
 
 
-def section(title: str) -> str:
-    (text,) = re.findall(rf"^## {title}\n(.*?)(?=^## |\Z)", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    return str(text)
-
-
 def without() -> set[str]:
     """Pages that are said to claim nothing besides the values of their code."""
-    targets = re.findall(r"\]\(([^)#\s]+)\)", section("Pages without more"))
+    (text,) = re.findall(r"<!-- without claims -->(.*?)<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    targets = re.findall(r"\]\(([^)#\s]+)\)", text)
     return {(PAGE.parent / target).resolve().relative_to(DOCS).as_posix() for target in targets}
 
 
@@ -133,11 +129,14 @@ def test_what_produces_a_claim_exists(page):
     for row in rows().get(page, []):
         producers = row.producers
         found = list(_PRODUCER.finditer(producers))
-        assert found or producers.startswith("blocks"), row.claim
+        assert found, row.id
         assert len(found) == producers.count("`") // 2, producers  # nothing else is in code
         for one in found:
             if one["test"]:
                 assert one["name"] in named_in(one["test"]), one[0]
+            elif one["blocks"]:
+                where = page if page != "README.md" else "../README.md"
+                assert blocks(DOCS / where, "python", "console"), f"{page} has no blocks"
             elif one["example"]:
                 assert "assert" in (ROOT / one["example"]).read_text(encoding="utf-8"), one[0]
             else:
@@ -150,9 +149,6 @@ def test_what_produces_a_claim_exists(page):
                     known = parts_of(script.stem)
                 assert asked <= known, one[0]
                 assert not known or asked, f"{one[0]}: which part?"
-        if re.search(r"\bblocks\b", producers):
-            where = page if page != "README.md" else "../README.md"
-            assert blocks(DOCS / where, "python", "console"), f"{page} has no blocks"
 
 
 def test_every_part_of_the_study_is_on_the_page():

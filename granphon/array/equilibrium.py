@@ -177,7 +177,7 @@ class Equilibrium(Result):
 
     @property
     def force(self) -> float:
-        """Mean contact force f*."""
+        """Mean contact force f*, a reduced number."""
         return float(max(self.overlap, 0.0) ** 1.5) + float(np.mean(self.excess))
 
     @property
@@ -198,7 +198,7 @@ class Equilibrium(Result):
 
     @property
     def stiffness(self) -> float:
-        """Stiffness df*/dy."""
+        """Stiffness df*/dy, a reduced number."""
         return self._derivatives[0]
 
     @property

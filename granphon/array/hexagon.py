@@ -57,7 +57,8 @@ class PressedHexagon(Result):
     displacements : (n_balls, 2) from the sites, m.
     retreats : (6,) displacements of the walls along their outward normals (at 30, 90, ... degrees), m, from where they would
         touch balls of the mean diameter on the sites.
-    i, j : (n_c,) balls of the contacts between balls. normal : (n_c, 2) from i to j.
+    i, j : (n_c,) balls of the contacts between balls.
+    normal : (n_c, 2) unit vectors from ball i to ball j.
     ball, wall : (n_w,) ball and wall of the contacts with walls.
     forces, wall_forces : (n_c,), (n_w,) contact forces, N.
     wall_coefficient : of Hertz's law of a ball against a wall, N/m^(3/2).
@@ -276,7 +277,7 @@ class Hexagon:
         return self._describe(wanted, motion, residual)
 
     def at_force(self, force: float) -> PressedHexagon:
-        """Press the walls with F = n 3^1/2 f; see :meth:`at_side_force`."""
+        """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see :meth:`at_side_force`."""
         return self.at_side_force(positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side)
 
     def _press(self, side_force: float, start: Array | None) -> tuple[Array, float]:

@@ -235,12 +235,12 @@ class PressedSample(Sample):
 
     @property
     def tangential_ratio(self) -> float:
-        """Mean |T| over the mean normal force, over all contacts."""
+        """Mean ``|T|`` over the mean normal force, over all contacts."""
         return float(np.mean(self.equilibrium.contacts.tangential)) / self.equilibrium.force
 
     @property
     def mobilisation(self) -> Array:
-        """(L1, ..., Lp, n_c) |T| over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
+        """(L1, ..., Lp, n_c) ``|T|`` over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
 
         It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
         """
@@ -252,7 +252,7 @@ class PressedSample(Sample):
         return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of |T|/(mu f).
+        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu f)``.
 
         It is that of the contacts that carry load; those that slide are in the last bin.
         """

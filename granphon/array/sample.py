@@ -220,7 +220,7 @@ class Sample(Result):
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
 
-        Balls are at their displaced positions, where contacts have no slip. Arrays are those of :mod:`granphon.array.atoms`,
+        Balls are at their displaced positions, where contacts have no slip. Arrays are those of a file ``sample.extxyz``,
         and ``contact_force`` (the mean force of a ball's contacts over the mean of all) and ``contacts`` (the number of
         its contacts that carry load). To ``granphon.HertzMindlin`` of this sample's state the balls are at rest.
         """

@@ -60,7 +60,7 @@ class ContactTable:
         return read_only(np.stack(contact_frames(self.normal)[1][:2], axis=1))
 
     def scale(self, factor: float) -> ContactTable:
-        """The same contacts with every length multiplied by ``factor``."""
+        """The same contacts with every length multiplied by ``factor``, a pure number."""
         return ContactTable(
             self.i, self.j, self.shift, self.normal,
             read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),

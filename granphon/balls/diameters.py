@@ -135,9 +135,15 @@ class Spread(ABC):
 
 @dataclass(frozen=True)
 class Uniform(Spread):
-    """Deviations spread evenly over ``width``, the full width W in m; zero for equal balls.
+    """Deviations spread evenly over a width.
 
-    Raises :class:`InputError` if the width is negative or not finite.
+    Parameters
+    ----------
+    width : the full width W, m; zero for equal balls.
+
+    Raises
+    ------
+    InputError : the width is negative or not finite.
     """
 
     width: float = field()
@@ -160,8 +166,15 @@ class Uniform(Spread):
 class Normal(Spread):
     """Normal deviations without those larger than ``cutoff`` times ``std``.
 
-    ``std`` (m) is the standard deviation before the cut, ``rms`` that after it. Raises :class:`InputError` for a std that is
-    negative or not finite, or a cutoff outside 0.001 ... 10 (below, the density is even to 1e-6; above, nothing is cut).
+    Parameters
+    ----------
+    std : standard deviation before the cut, m; ``rms`` is that after it.
+    cutoff : largest deviation over ``std``.
+
+    Raises
+    ------
+    InputError : a ``std`` that is negative or not finite, or a cutoff outside 0.001 ... 10 (below, the density is even to
+        1e-6; above, nothing is cut).
     """
 
     std: float
@@ -224,10 +237,17 @@ class _Listed(Spread):
 
 @dataclass(frozen=True)
 class Discrete(_Listed):
-    """Kinds of balls: ``diameters`` d^Q, m, with ``fractions`` c^Q (equation 18), which sum to 1 within 1e-9.
+    """Kinds of balls, each with its diameter and its fraction of all balls (equation 18).
 
-    Raises :class:`InputError` for a diameter that is not finite and above zero, a fraction that is negative or between zero
-    and 1e-12, fractions with another sum, or unequal numbers of diameters and fractions.
+    Parameters
+    ----------
+    diameters : (n,) diameters d^Q of the kinds, m.
+    fractions : (n,) fractions c^Q of the kinds, 0 to 1, which sum to 1 within 1e-9.
+
+    Raises
+    ------
+    InputError : a diameter that is not finite and above zero, a fraction that is negative or between zero and 1e-12,
+        fractions with another sum, or unequal numbers of diameters and fractions.
     """
 
     diameters: tuple[float, ...]
@@ -254,9 +274,15 @@ class Discrete(_Listed):
 
 @dataclass(frozen=True)
 class Measured(_Listed):
-    """The measured ``diameters`` of a lot of balls, m, all equally likely; their order does not matter.
+    """The measured diameters of a lot of balls, all equally likely.
 
-    Raises :class:`InputError` if there are none, or one is not finite and above zero.
+    Parameters
+    ----------
+    diameters : (n,) diameters, m; their order does not matter.
+
+    Raises
+    ------
+    InputError : there are none, or one is not finite and above zero.
     """
 
     diameters: tuple[float, ...]
@@ -266,7 +292,7 @@ class Measured(_Listed):
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
-        """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``; see :mod:`granphon.base.tables`.
+        """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``.
 
         ``column`` is the name of the column, whose unit the first line must give; by default it is "diameter", or the only
         column of the table. ``quoted`` says whether errors may quote the table, as in

@@ -33,8 +33,9 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
     (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R. D. Mindlin,
     J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu N)^(1/3) instead: see the errata.
 
-    ``tangential_load`` and ``normal_load`` are in the same unit, of any shapes that broadcast; the sign of T does not
-    matter. Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
+    ``tangential_load`` T and ``normal_load`` N are in the same unit, of any shapes that broadcast; the sign of T does not
+    matter. ``friction_coefficient`` is mu, a pure number. Raises :class:`InputError` where the contact would slide
+    (T >= mu N) or is not under compression.
     """
     mu = positive("friction_coefficient", friction_coefficient)
     tangential, normal = np.abs(real_array("tangential_load", tangential_load)), real_array("normal_load", normal_load)
@@ -94,7 +95,7 @@ class HertzLaw:
 
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
-        """The law of two balls of the given diameters (m); of equal balls if only one is given."""
+        """The law of two balls of the diameters ``first`` and ``second``, m; of equal balls if only one is given."""
         one = positive("diameter", first, "m")
         two = one if second is None else positive("diameter", second, "m")
         coefficient = 2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
@@ -150,7 +151,7 @@ class HertzLaw:
         return ((value / (1.5 * self.coefficient)) ** 2)[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Relative fluctuation Delta f / f of the forces over balls: zero, as equal balls share the load evenly."""
+        """Relative fluctuation Delta f / f of the forces over balls: zero at any ``overlap`` of equal balls."""
         return np.zeros(np.shape(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:

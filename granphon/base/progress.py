@@ -32,7 +32,7 @@ class Progress(Protocol):
     """A receiver of reports: which work begins, how far it has come, and that it is over."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a step of size ``total`` (None: not known); it is over when the context is left."""
+        """Begin a step of ``total`` pieces of work (None: not known); it is over when the context is left."""
         ...
 
 

@@ -91,7 +91,7 @@ class Result:
         """The result as plain data: class name, schema, the unit of each field, the fields, and a digest of all these.
 
         Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a packing, its scales) become
-        mappings of their own. The digest stays valid through JSON and YAML, see :func:`granphon.base.digests.canonical`.
+        mappings of their own. The digest stays valid through JSON and YAML.
         """
         data = {**plain(self), "schema": self.schema, "units": self.said_units()}
         return data | {"digest": digest(data)}

@@ -49,7 +49,13 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
 
 @dataclass(frozen=True)
 class HertzPrefix:
-    """A decimal unit of hertz: its ``name`` ("kHz") and its ``hertz`` (1000.0)."""
+    """A decimal unit of hertz.
+
+    Attributes
+    ----------
+    name : the symbol of the unit, such as "kHz".
+    hertz : the unit, Hz, such as 1000.0.
+    """
 
     name: str
     hertz: float
@@ -74,10 +80,19 @@ class HertzPrefix:
 
 @dataclass(frozen=True)
 class Units:
-    """The scales of reduced units, in SI: ``length`` (m), ``stiffness`` (N/m), ``mass`` (kg).
+    """The scales of reduced units, in SI.
 
     Multiply a reduced quantity by the property of its name to get SI: a reduced force times :attr:`force` is in newtons.
-    Raises :class:`InputError` for a scale that is not a finite number above zero.
+
+    Parameters
+    ----------
+    length : the unit of length, m.
+    stiffness : the unit of stiffness, N/m.
+    mass : the unit of mass, kg.
+
+    Raises
+    ------
+    InputError : a scale that is not a finite number above zero.
     """
 
     length: float
@@ -127,7 +142,7 @@ class Units:
 
     @classmethod
     def from_info(cls, info: Mapping[str, Any]) -> Units:
-        """Read the scales that :meth:`to_info` gave.
+        """Read the scales from the ``info`` of Atoms that :func:`~granphon.atoms` made.
 
         Raises :class:`InputError` if one is missing, or is not a finite number above zero.
         """

@@ -388,7 +388,8 @@ class LongWaves(Compatibility):
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
         """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
 
-        On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
+        ``direction`` is a vector (p,) of any length. On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10;
+        equation (15) prints d^2/20 (see the errata).
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(message("there is no single rotational branch", "It needs friction, and a cell of one ball"))

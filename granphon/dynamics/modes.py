@@ -85,7 +85,7 @@ class ContactLattice(FreeMotions):
         bending: float = 0.0,
         motions: Motions | None = None,
     ) -> ContactLattice:
-        """Make the contact lattice of equal balls on ``lattice``.
+        """Make the contact lattice of equal balls on ``lattice``, whose contacts have the ``mindlin_ratio`` eta.
 
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
         itself, the lever arm a/2 and the sideways push of the static force. With the default values these terms are dropped.
@@ -129,7 +129,8 @@ class ContactLattice(FreeMotions):
     def frequencies(self, wavevectors: ArrayLike) -> Array:
         """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near Gamma.
 
-        Branches that vanish at every q, and modes that vanish at this q, are exactly zero.
+        ``wavevectors`` are (n_q, p), 1/d. Branches that vanish at every q, and modes that vanish at this one, are exactly
+        zero.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
         """

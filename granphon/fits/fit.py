@@ -165,7 +165,7 @@ class WidthFit(Result):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data; the keys that stand in fit.yaml before the fields are ignored."""
+        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
         mapping = isinstance(data, Mapping)
         return super().from_dict({n: v for n, v in data.items() if n not in _HEAD} if mapping else data)
 

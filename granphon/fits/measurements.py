@@ -94,7 +94,7 @@ class Measurements(Result):
         pressed: Callable[[float], float] | None = None,
         periods: int = 2,
     ) -> Self:
-        """Read a table, see :mod:`granphon.base.tables`.
+        """Read a table, whose columns have their units in their headings, such as ``force (N)``.
 
         Parameters
         ----------

@@ -112,8 +112,8 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
 class SpreadLaw(ABC):
     """Contact law f = c W^(3/2) f*(y), y = delta/W, of balls whose diameters differ.
 
-    Methods take SI numbers or arrays of any shape; a float gives a float. A subclass gives the reduced law for y below the
-    start of the series.
+    Methods take numbers or arrays of any shape, and a float gives a float: ``overlap`` is delta in m, ``force`` f in N. A
+    subclass gives the reduced law for y below the start of the series.
     """
 
     coefficient: float

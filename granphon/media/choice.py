@@ -88,7 +88,7 @@ class Option:
 class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
-    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. A
+    Errors are relative errors of velocities and frequencies at the given load, as measured against simulated arrays. A
     simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube
     of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate
     enough at all of these loads; :meth:`rungs` chooses for each load.
@@ -137,7 +137,10 @@ class AutoMedium(Loaded[ContactState]):
         ]
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """Return the cheapest medium that is accurate enough at all loads of a ``kind``."""
+        """Return the cheapest medium that is accurate enough at all ``loads``.
+
+        They are of one ``kind``, "force" (N), "pressure" or "overlap" (m).
+        """
         options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
         # if no option serves every load, the largest simulation does: it is best wherever another medium would serve
@@ -222,8 +225,15 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
 class MediumChoice:
     """The name and options of a medium, without a packing.
 
-    Raises :class:`~granphon.base.errors.InputError` for a name that is not in :data:`MEDIA`, an option that the medium does
-    not have, or a value that the option does not take.
+    Attributes
+    ----------
+    name : name of the medium, as in a scene file: "ala", "ema", "simulation" and so on.
+    options : (name, value) of each option that is not left at its default.
+
+    Raises
+    ------
+    InputError : a name that no medium has, an option that the medium does not have, or a value that the option does not
+        take.
     """
 
     name: str
@@ -308,9 +318,15 @@ class MediumChoice:
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """A medium that serves some of many loads: ``loads`` (n,) are the indices of these loads, ``load`` has their values.
+    """A medium that serves some of many loads.
 
-    ``chosen`` says whether an :class:`AutoMedium` chose the medium for its expected error.
+    Attributes
+    ----------
+    medium : the medium.
+    loads : (n,) indices of the loads that it serves.
+    packing : the balls.
+    load : these loads, with their values in SI.
+    chosen : whether an :class:`AutoMedium` chose the medium for its expected error.
     """
 
     medium: MediumChoice

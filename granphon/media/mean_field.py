@@ -144,6 +144,10 @@ class AveragedLattice(_ByLaw):
     """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
 
     It is exact for equal balls, and on a line.
+
+    Parameters
+    ----------
+    packing : the balls.
     """
 
     name = "ala"
@@ -158,6 +162,10 @@ class AveragedForce(_ByLaw):
     """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25).
 
     On a line balls cannot stay at the sites, because all contacts carry the same force: there it is Hertz's law.
+
+    Parameters
+    ----------
+    packing : the balls.
     """
 
     name = "afa"

@@ -48,12 +48,15 @@ class SampleMeans(ContactState):
 
     @property
     def sample(self) -> Any:
-        """First sample; for several loads an array of the first samples, indexed like the load."""
+        """First sample; for several loads an array of the first samples, with the shape of the load."""
         first = self._table[..., 0]
         return first if self.shape else first[()]
 
     def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
-        """Return the quantity ``of`` every sample; the axes are those of the load, of the samples, and of the quantity."""
+        """Return the quantity ``of`` every sample, in its own unit.
+
+        The shape is that of the load, then (n_samples,), then that of the quantity.
+        """
         values = np.array([np.asarray(of(sample)) for sample in self.samples])
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
@@ -80,7 +83,7 @@ class SampleMeans(ContactState):
 
     @property
     def contact_force_fluctuation(self) -> Any:
-        """Rms over single contacts of the difference of the force from the mean force, over the mean force."""
+        """Rms deviation of the forces of single contacts from the mean force, divided by it; with the shape of the load."""
         return self._average(lambda sample: sample.contact_force_fluctuation)
 
     @property

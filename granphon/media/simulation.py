@@ -213,9 +213,10 @@ class SimulatedState(SampleMeans):
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, (..., n_u) or (..., n, n_u) for directions (n, p), and unit displacements as columns.
+        """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions (n, p), and displacements.
 
-        They follow from the mean elastic tensor: in an isotropic plane from its bulk and shear modulus.
+        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both follow from the mean elastic
+        tensor: in an isotropic plane from its bulk and shear modulus.
         """
         return self._find_waves(self.elastic_tensor, self.effective_density, direction)
 
@@ -232,7 +233,7 @@ class SimulatedState(SampleMeans):
         return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors of the velocities over the samples, in the order of ``wave_names``; None of one sample."""
+        """Return standard errors of velocities along ``direction``, m/s, in the order of ``wave_names``; None of one."""
         every = self.sampled_tensors
         if every is None:
             return None

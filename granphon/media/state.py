@@ -42,7 +42,10 @@ Values = Any
 
 
 class ContactLaw(Protocol):
-    """The contact law of a medium: scalars or arrays of any shape, in SI; floats in, floats out."""
+    """The contact law of a medium: scalars or arrays of any shape; floats in, floats out.
+
+    ``overlap`` is delta in m, ``force`` the mean contact force f in N.
+    """
 
     @property
     def coefficient(self) -> float:
@@ -265,7 +268,7 @@ class ContactState(Result):
 
     @property
     def regime(self) -> Values:
-        """Pressure regime of Section III: "low", "intermediate" or "high"; for equal balls it is "high".
+        """Pressure regime of Section III, with the shape of the load: "low", "intermediate" or "high", as for equal balls.
 
         It is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms is sqrt(10) times the overlap or
         more.
@@ -340,7 +343,7 @@ class ContactState(Result):
 
     @property
     def sampled_tensors(self) -> Array | None:
-        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there are fewer than two samples."""
+        """Elastic tensor of each sample, (..., n_samples, n, n), Pa, Voigt order; None of fewer than two samples."""
         return None
 
     @property
@@ -373,16 +376,20 @@ class ContactState(Result):
     def long_waves(self, direction: ArrayLike) -> Array:
         """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
 
-        For directions (n, p) the shape is (..., n, n_u). In the plane they are the longitudinal and the transverse one.
+        ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n, n_u). In the plane the
+        waves are the longitudinal and the transverse one.
         """
         return self.polarised_waves(direction)[0]
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return :meth:`long_waves` and their unit displacements, columns of (..., n_u, n_u) or (..., n, n_u, n_u)."""
+        """Return :meth:`long_waves` along ``direction``, and their unit displacements.
+
+        These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
+        """
         return lattice_waves(self, direction)
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors over samples of :meth:`long_waves`; None if there are fewer than two samples."""
+        """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None of fewer than two."""
         return None
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:

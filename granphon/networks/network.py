@@ -336,7 +336,7 @@ class ContactNetwork(Result):
     ) -> Self:  # fmt: skip
         """Return the network that a table of balls and one of contacts describe.
 
-        Each table is the path of a CSV file whose headings have units, ``radius (mm)``, see :mod:`granphon.base.tables`; or
+        Each table is the path of a CSV file whose headings have units, such as ``radius (mm)``; or
         arrays in SI under the same names without units: a mapping, a structured array or a data frame. Balls have ``x``,
         ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line), ``radius`` or ``diameter``; ``mass`` if there is no
         material; and, if need be, ``inertia`` (default: a solid sphere) and ``id``, the whole numbers that name them

@@ -88,9 +88,16 @@ class Tally(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(Result):
-    """One condition of validity: ``value`` must not be above ``limit``, or with ``at_least`` must not be below it.
+    """One condition of validity.
 
-    ``value`` has the shape of the load. ``meaning`` says what the value is, ``reason`` why it is limited.
+    Attributes
+    ----------
+    name : name of the condition.
+    meaning : what the value is.
+    value : a pure number with the shape of the load. It must not be above ``limit``, or with ``at_least`` not below it.
+    limit : the limit, a pure number.
+    reason : why the value is limited.
+    at_least : whether the limit is a lower one.
     """
 
     shapes = {"value": "..."}
@@ -104,7 +111,7 @@ class Check(Result):
 
     @property
     def ok(self) -> Any:
-        """Whether the condition holds, at each load."""
+        """Whether the condition holds, with the shape of the load."""
         return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
 
     @property
@@ -123,7 +130,12 @@ class Check(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validity(Result):
-    """The conditions under which the model holds, each with the value that the state has and the limit."""
+    """The conditions under which the model holds.
+
+    Attributes
+    ----------
+    checks : the conditions, each with the value that the state has and the limit.
+    """
 
     shown = ("ok", "warnings")
 
@@ -131,7 +143,7 @@ class Validity(Result):
 
     @property
     def ok(self) -> Any:
-        """Whether every condition holds, at each load."""
+        """Whether every condition holds, with the shape of the load."""
         return np.logical_and.reduce([check.ok for check in self.checks])[()]
 
     @cached_property

@@ -209,7 +209,12 @@ def choose_direction(state: ContactState, direction: ArrayLike | None, what: str
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AveragedModuli(Result):
-    """Bulk and shear modulus of a body of many grains, averaged over all directions; Pa, with the shape of the load."""
+    """Bulk and shear modulus of a body of many grains, averaged over all directions.
+
+    Attributes
+    ----------
+    bulk, shear : the moduli, Pa, with the shape of the load.
+    """
 
     units = {"bulk": "Pa", "shear": "Pa"}
     shapes = {"bulk": "...", "shear": "..."}
@@ -222,12 +227,18 @@ class AveragedModuli(Result):
 class Moduli(Result):
     """Elastic constants: Pa, in the plane of the layer taken one diameter thick; N on a line.
 
-    ``tensor`` is (..., n, n), the shape of the load followed by the strains :attr:`components` in Voigt order: xx; xx, yy,
-    xy; or xx, yy, zz, yz, xz, xy. ``isotropic`` says whether it is the same in all directions; for a simulation it is True,
-    though samples are isotropic only on average, and ``cubic`` whether the lattice is square or cubic, in the same sense.
-    ``bulk_error``, ``shear_error`` (of the averages :attr:`voigt` where the lattice is not isotropic), ``tensor_error`` (of
-    each entry) and ``anisotropy_error`` are standard errors over the samples of a simulation; None if there are fewer than
-    two samples. ``warnings`` has one sentence for each limit of the model that the state exceeds.
+    Attributes
+    ----------
+    tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt order: xx; xx, yy, xy; or
+        xx, yy, zz, yz, xz, xy.
+    isotropic : whether the tensor is the same in all directions. For a simulation it is True, though samples are isotropic
+        only on average.
+    cubic : whether the lattice is square or cubic, in the same sense.
+    bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape of the load; of the
+        averages :attr:`voigt` where the lattice is not isotropic. None if there are fewer than two samples.
+    tensor_error : (..., n, n) standard error of each entry of the tensor, Pa; None likewise.
+    anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the load; None likewise.
+    warnings : one sentence for each limit of the model that the state exceeds.
     """
 
     added = ("tensor_error", "anisotropy_error", "cubic")

@@ -217,7 +217,7 @@ class Bands(Result):
         expect three branches for each atom: ``pad`` adds, below the others, one branch at zero frequency for each such
         coordinate, which moves it alone. :meth:`read` leaves these branches out.
 
-        Six motions of a ball are those of two atoms, see :mod:`granphon.phonons.phonopy_atoms`. The second, "Sn", stands a
+        Six motions of a ball are those of two atoms. The second, "Sn", stands a
         little aside of its ball. As phonopy's own, its eigenvector has the phase of that place; :meth:`read` returns it to
         the phase of the ball.
         """

@@ -65,7 +65,7 @@ def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
     Lengths and masses are in reduced units. The cell is primitive, with Cartesian axes along the cube of cubic lattices; for
     the triangular lattice it is ASE's HEX2D cell (120 degrees). A lattice of fewer than three periods lies along x, or in
     the xy plane; across it the cell is one diameter thick and not periodic. With finite overlap the cell has the spacing
-    a = d - delta. Arrays are those of :mod:`granphon.array.atoms`.
+    a = d - delta. Arrays are those of a file ``sample.extxyz``.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads. The keyword ``finite_overlap`` is
     deprecated: the state says whether overlap is finite.
@@ -115,8 +115,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     Raises
     ------
-    InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses or an array of
-        :mod:`granphon.array.atoms` (:meth:`adopt` adds what is missing), or that belong to another state; a cell that is
+    InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses or an array that
+        :func:`~granphon.atoms` gives (:meth:`adopt` adds what is missing), or that belong to another state; a cell that is
         tilted out of the line or plane of the lattice, or periodic across it; balls that touch in directions other than
         those of the lattice, as when it is turned (allowed with ``finite_overlap`` where balls do not rotate).
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
@@ -170,7 +170,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         """Return a copy of Atoms from elsewhere that has all that balls of this state need, and this calculator.
 
         The copy keeps what the Atoms have, including what was set by hand. Masses, scales and arrays of
-        :mod:`granphon.array.atoms` that are missing are taken from ``like``, ball by ball. Without ``like`` they are those
+        :func:`~granphon.atoms` that are missing are taken from ``like``, ball by ball. Without ``like`` they are those
         of balls of the state on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in units
         of the mean diameter.
 
@@ -185,7 +185,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def calculate(
         self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
     ) -> None:
-        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
+        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms.
+
+        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes`` since the last call.
+        """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
@@ -403,16 +406,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return lattice, law, overlap
 
     @overload
-    def get_force_constants(
-        self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None
-    ) -> NDArray[np.float64]: ...
+    def get_force_constants(self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None) -> Array: ...
 
     @overload
     def get_force_constants(self, atoms: Atoms, format: Literal["csr"], motions: str | None = None) -> csr_array[Any]: ...
 
     def get_force_constants(
         self, atoms: Atoms, format: Literal["dense", "csr"] = "dense", motions: str | None = None
-    ) -> NDArray[np.float64] | csr_array[Any]:
+    ) -> Array | csr_array[Any]:
         """Return the analytic force constants of the cell, summed over its images; units of k.
 
         Parameters

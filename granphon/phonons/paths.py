@@ -287,9 +287,15 @@ def read_labels(value: Any) -> tuple[str, ...]:
 class BandPath:
     """The path of a band structure: one or more pieces of two points or more, with a label for every point or for none.
 
-    ``paths`` holds the pieces, which do not join. A piece is a tuple of q points, each of three fractions of the reciprocal
-    cell. Raises :class:`~granphon.base.errors.InputError` if there is no piece, if a piece is not two or more points of
-    three finite numbers, and if there are labels, but not one for each point.
+    Attributes
+    ----------
+    paths : the pieces, which do not join. A piece is a tuple of n q points, (n, 3) fractions of the reciprocal cell.
+    labels : the name of each point; None for none.
+
+    Raises
+    ------
+    InputError : there is no piece, a piece is not two or more points of three finite numbers, or there are labels, but not
+        one for each point.
     """
 
     paths: Pieces
@@ -317,7 +323,9 @@ class BandPath:
 
     @classmethod
     def read(cls, value: Any, structure: Lattice) -> Self:
-        """Read a path through the zone of a lattice: its special points by their letters ("GKMG"), or points in numbers.
+        """Read a path through the zone of a lattice.
+
+        ``value`` has special points by their letters ("GKMG"), or points as fractions of the reciprocal cell.
 
         Raises :class:`~granphon.base.errors.Refused`, with a path of letters and one of numbers that the lattice has.
         """

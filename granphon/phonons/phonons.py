@@ -152,8 +152,7 @@ class Phonons:
 
         Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane and (w_x, w_y, u_z) out of
         it; those that hold no motion give flat branches at zero. Six motions are those of two atoms: "Fe" holds u, and "Sn",
-        a little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball
-        (:mod:`granphon.phonons.phonopy_atoms`).
+        a little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball.
         """
         bridge = ContactPhonopy(
             self._make_phonopy_cell(), np.diag(self._pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0

@@ -92,8 +92,12 @@ class RunResult(Summarised):
     Attributes
     ----------
     folder, files : folder of the results, and the paths of the files written there.
+    state : the state of the contacts.
     medium, load : label of the medium, and kind of the load: "force" (also for a side force), "pressure" or "overlap".
+    validity : the conditions under which the model holds.
+    velocities, moduli : sound velocities, m/s, and elastic constants, Pa.
     phonons : the source of ``bands`` and ``dos``.
+    bands, dos : frequencies along the path, Hz, and their density of states, 1/Hz.
     local_field : local field of the effective medium; None in any other medium, and for equal balls.
     rung : the medium that an automatic medium has chosen, and its expected error; None if the scene names its medium.
     waves : what was asked for of the waves in the samples of a simulation; None if nothing was.
@@ -213,10 +217,13 @@ class RunResult(Summarised):
 
 @dataclass(frozen=True)
 class SweepResult(Summarised):
-    """Results of a scene of many states: ``dataset`` is that of :func:`granphon.sweeps.sweep.sweep`.
+    """Results of a scene of many states.
 
-    ``files`` are the paths written into ``folder``. ``failures`` has one sentence for each figure that could not be drawn,
-    with the reason.
+    Attributes
+    ----------
+    folder, files : folder of the results, and the paths of the files written there.
+    dataset : the data set that :func:`granphon.sweeps.sweep.sweep` returns.
+    failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
     #: names of the packages that the computation used, besides numpy and scipy

@@ -335,7 +335,7 @@ class Scene:
         resume: bool = False,
         executor: Executor | None = None,
     ) -> RunResult | SweepResult:
-        """Compute what the scene asks for and write it into ``folder``; see :func:`granphon.scene.run.run`."""
+        """Compute what the scene asks for and write it into ``folder``."""
         from granphon.scene.run import run
 
         self.cost()  # raises if there is too little memory

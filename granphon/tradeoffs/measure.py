@@ -93,7 +93,7 @@ class MeasuredPoint(Result):
 
     @property
     def error(self) -> float:
-        """The largest of the errors."""
+        """The largest of the errors, a relative error."""
         return float(np.max(self.errors, initial=0.0))
 
     @property

@@ -143,7 +143,10 @@ class Pulse(Result):
         return float(self._find_arrivals(self.coherent[None], method, threshold)[0])
 
     def arrivals(self, method: str = "envelope", threshold: float = _BEGINS) -> Array:
-        """Return the time of flight (n_r,) of the signal of each ball, s; see :meth:`arrival`."""
+        """Return the time of flight (n_r,) of the signal of each ball, s.
+
+        ``method`` and ``threshold`` are those of :meth:`arrival`.
+        """
         return self._find_arrivals(self.signals, method, threshold)
 
     def _find_arrivals(self, signals: Array, method: str, threshold: float) -> Array:

@@ -1,0 +1,128 @@
+"""The pages as they are built: types are links, names can be searched for, formulas need no network."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from browser import explain_missing, open_browser
+from test_docs import DOCS, ROOT, interface
+
+#: a build takes some twenty seconds
+pytestmark = [
+    pytest.mark.exhaustive,
+    pytest.mark.skipif(
+        not all(map(find_spec, ("sphinx", "furo", "myst_parser", "sphinx_gallery", "sphinx-mathjax-offline"))),
+        reason="the extra docs is not installed",
+    ),
+]
+
+#: types that are no names of the package: of Python, numpy, ASE, xarray, matplotlib
+_FOREIGN = {
+    "Any", "Atoms", "Axes", "Callable", "Dataset", "Executor", "False", "Figure", "FuncAnimation", "Iterator", "Literal",
+    "Mapping", "None", "Path", "PathLike", "Self", "Sequence", "True", "AbstractContextManager", "Step", "Array",
+    "ArrayLike",
+}  # fmt: skip
+#: arguments whose types are of the inside
+_INSIDE = {"SampleWaves", "Store"}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The pages, without running the examples."""
+    folder = tmp_path_factory.mktemp("docs")
+    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns("gallery", "_build", "__pycache__"))
+    (folder / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
+    for file in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE"):
+        shutil.copy(ROOT / file, folder)
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-D", "plot_gallery=0", "docs", "site"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder / "site"
+
+
+def signatures(page: str) -> Iterator[tuple[str, str]]:
+    """The name of each entry of a page, and its signature, in which what is a link is left out."""
+    for entry, text in re.findall(r'<dt class="sig[^>]*? id="([^"]+)">(.*?)</dt>', page, re.DOTALL):
+        text = re.sub(r"<a class=\"(?:reference|headerlink).*?</a>", "", text, flags=re.DOTALL)
+        text = re.sub(
+            r'<span class="default_value">.*?</span></span>|<span class="sig-(?:pre)?name.*?</span></span>', "", text
+        )
+        yield entry, html.unescape(re.sub(r"<[^>]+>", "", text))
+
+
+def test_types_of_the_interface_are_links(site):
+    found = list(signatures((site / "reference" / "api.html").read_text(encoding="utf-8")))
+    assert len(found) > 700
+    for name, signature in found:
+        plain = re.sub(r"'[^']*'|= [\w.]+(?:\([^)]*\))?", "", signature)
+        names = set(re.findall(r"(?<![\w.])[A-Z]\w+", plain)) - _FOREIGN - _INSIDE - {name.rpartition(".")[2]}
+        assert not names, f"{name}: {', '.join(names)} of {signature}"
+        assert not re.search(r"~|ndarray|granphon\.\w+\.\w+\.\w+.*\(.*granphon\.", signature), signature
+
+
+def test_the_interface_has_no_markup_that_was_not_read(site):
+    text = re.sub(r"<[^>]+>", "", (site / "reference" / "api.html").read_text(encoding="utf-8"))
+    assert not re.search(r":\w+:`|``|:raises|:param|Parameters\n---", text)
+
+
+def test_every_name_of_the_interface_can_be_searched_for(site, monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    index = (site / "searchindex.js").read_text(encoding="utf-8")
+    objects = json.loads(index.removeprefix("Search.setIndex(").rstrip().removesuffix(")"))["objects"]
+    listed = {f"{prefix}.{entry[4]}" for prefix, entries in objects.items() for entry in entries}
+    ends = {".".join(name.split(".")[-2:]) for name in listed} | {name.rpartition(".")[2] for name in listed}
+    assert "granphon.DirectSimulation.path" in listed
+    assert "granphon.ContactState.force" in listed  # a field
+    missing = [
+        name for name, one, owner in interface()
+        if name not in ends and (owner is None or callable(one) or isinstance(one, property))
+    ]  # fmt: skip
+    assert missing == []
+
+
+def test_rows_of_the_validation_lead_to_their_claims(site):
+    page = site / "reference" / "validation.html"
+    links = re.findall(r'<a href="([^"#]+)#(claim-[a-z0-9-]+)">', page.read_text(encoding="utf-8"))
+    assert len(links) > 100
+    for target, anchor in links:
+        assert f'id="{anchor}"' in (page.parent / target).read_text(encoding="utf-8"), f"{target}#{anchor}"
+
+
+def test_terms_lead_to_their_rows(site):
+    rows = set(re.findall(r'id="(term-[^"]+)"', (site / "reference" / "glossary.html").read_text(encoding="utf-8")))
+    linked = set()
+    for page in site.rglob("*.html"):
+        linked |= set(re.findall(r"glossary\.html#(term-[^\"]+)", page.read_text(encoding="utf-8")))
+    assert linked <= rows
+    assert len(linked) > 40
+
+
+@pytest.mark.skipif(bool(explain_missing()), reason=explain_missing() or "-")
+def test_pages_and_their_formulas_need_no_network(site):
+    pages = [page for page in sorted(site.rglob("*.html")) if "_static" not in page.parts]
+    asked, errors, formulas = set(), [], 0
+    with open_browser() as browser:
+        tab = browser.new_context(offline=True).new_page()
+        tab.on("request", lambda request: asked.add(request.url) if request.url.startswith("http") else None)
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.on("requestfailed", lambda request: errors.append(request.url))
+        for page in pages:
+            tab.goto(page.as_uri(), wait_until="load")
+            count = tab.locator(".math").count()
+            if count:
+                tab.evaluate("MathJax.startup.promise")
+                assert tab.locator("mjx-container").count() == count, page.name
+                assert tab.locator("mjx-merror, [data-mjx-error]").count() == 0, page.name
+                formulas += count
+    assert not asked
+    assert not errors
+    assert formulas > 500
