@@ -284,6 +284,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "tradeoff": draw_tradeoff,
     "python": of_example("pulse_dispersion"),
     "figure": draw_figure,
+    "several_runs": of_example("several_runs"),
     "lattices": draw_lattices,
     "crystal": draw_crystal,
     "vacancy": draw_vacancy,
