@@ -80,9 +80,10 @@ def test_curves_of_several_sweeps_are_their_numbers(steel, glass, ax):
     colours = [line.get_color() for line in ax.lines if line.get_gid() == "longitudinal-all"]
     assert len(set(colours)) == 3
     # the legend says what differs, the title what is shared
-    assert texts(ax)[:4] == [
+    # what has no heading does not stand below that of another
+    assert texts(ax)[0] == "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium"
+    assert texts(ax)[-3:] == [
         "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:", "effective medium", "simulation, 2 samples of 8 x 8 balls",
-        "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium",
     ]  # fmt: skip
     assert ax.get_title().replace("\u00a0", " ") == "triangular lattice, d = 8 mm, W = 2.04 µm, with friction"
 
@@ -98,7 +99,8 @@ def test_any_quantity_has_its_standard_errors(steel, ax):
 
 def test_names_stand_for_what_the_curves_of_a_run_share(steel, glass, ax):
     plot_together({"first": steel, "second": glass}, ax)
-    assert texts(ax)[:4] == ["first:", "effective medium", "simulation, 2 samples of 8 x 8 balls", "second"]
+    assert texts(ax)[0] == "second"
+    assert texts(ax)[-3:] == ["first:", "effective medium", "simulation, 2 samples of 8 x 8 balls"]
 
 
 def test_runs_that_are_alike_are_told_apart_by_their_names(glass, ax):
@@ -111,7 +113,8 @@ def test_parameters_of_a_sweep_are_facts_like_those_of_a_packing(ax):
     one = gp.sweep(balls(spread=gp.Uniform(1e-6)), force=FORCE, media="afa", friction=[False])
     plot_together([widths, one], ax)
     own = "W = 1 µm, without friction, averaged force"
-    assert texts(ax)[:4] == ["with friction, effective medium:", "W = 1 µm", "equal balls", own]
+    assert texts(ax)[0] == own
+    assert texts(ax)[-3:] == ["with friction, effective medium:", "W = 1 µm", "equal balls"]
 
 
 def test_beyond_the_colours_dashes_tell_lines_apart(ax):

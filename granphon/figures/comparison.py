@@ -205,12 +205,14 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         what = f"{len(models)} curves are too many to be told apart"
         raise InputError(message(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"))
     labels, common = _write_legend(models)
-    handles = []
+    # entries below a heading come last, so that none that does not belong there stands there
+    handles, headed, with_heading = list[Line2D](), list[Line2D](), set[str]()
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
         if heading:
-            handles.append(Line2D([], [], linestyle="none", label=heading))
-        handles.append(make_handle(curve, look, label))
+            headed.append(Line2D([], [], linestyle="none", label=heading))
+            with_heading.add(curve.run)
+        (headed if curve.run in with_heading else handles).append(make_handle(curve, look, label))
     for n, curve in enumerate(points):
         told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
         style: dict[str, Any] = {"marker": _DATA_MARKS[n % len(_DATA_MARKS)], "markersize": 2.6, "linestyle": "none"}
@@ -220,7 +222,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
     if not all(np.all(curve.valid) for curve in models):
         handles.append(make_outside(all(curve.as_points for curve in models)))
-    handles += make_serving(models)
+    handles += make_serving(models) + headed
     every = [*models, *points]
     for which, values in (("x", [curve.x for curve in every]), ("y", [curve.y for curve in every])):
         scale_axis(ax, which, np.concatenate(values))
