@@ -1,7 +1,9 @@
 """Pulses through networks of contacts: against closed forms of chains, dense matrices, another integrator, and the bands."""
 
 import inspect
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -517,3 +519,12 @@ def test_transmit_takes_the_arguments_of_a_sending():
     assert all(own.parameters[name].default == one.default for name, one in given.items())
     assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY
     assert own.return_annotation == "Pulse"
+
+
+@pytest.mark.parametrize("phase", [10.0, 1e3, 3e4, 3e5])
+def test_a_long_record_takes_the_polynomials_that_bessel_functions_ask_for(phase):
+    """Without damping cos(phase sqrt((1 + y)/2)) has the coefficients 2 (-1)^n J_2n(phase)."""
+    order = Propagation(SimpleNamespace(top=1.0), np.ones(1), ToneBurst(1.0, 4.0), phase).order
+    beyond = np.arange(order, order + 1000)
+    assert np.sum(2.0 * np.abs(jv(2.0 * beyond, phase))) < 1e-13 + 2e-15 * math.sqrt(phase)
+    assert order < 0.5 * phase + 4.0 * np.cbrt(phase) + 12.0

@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 #: most that the coefficients which are left out add up to, in units of the largest response
 TOLERANCE = 1e-13
+#: largest rounding of a coefficient, times the root of their number, over the largest phase
+_ROUNDING = 2e-15
 #: numbers in the blocks that polynomials, and responses at many times, are summed in
 _BLOCK = 4_000_000
 #: relative difference of the two decay rates of a mode below which both are parted, as their quotient has no digits
@@ -151,15 +153,18 @@ class Propagation:
     def order(self) -> int:
         """The number of polynomials, without which coefficients at the latest time add up to :data:`TOLERANCE` at most."""
         reach = 0.5 * self.operator.top * self.duration
-        count = math.ceil(reach + 12.0 * reach ** (1.0 / 3.0) + 40.0)
+        margin = 12.0 * reach ** (1.0 / 3.0) + 40.0
+        count = math.ceil(reach + margin)
         while True:
             waves = self._find_nodes(count)
             late = np.zeros(count)
             np.add.at(late, waves.node, np.real(waves.velocity * np.exp(waves.rate * self.duration)))
-            left = np.cumsum(np.abs(dct(late, type=2))[::-1])[::-1] / count
-            # rounding of the transform is spread over all coefficients
-            short = np.flatnonzero(left <= TOLERANCE + 1e-16 * count)
-            if short.size and short[0] < count - count // 50:
+            size = np.abs(dct(late, type=2)) / count
+            # rounding of the phases is spread over all coefficients
+            size[size < _ROUNDING * (1.0 + reach) / math.sqrt(count)] = 0.0
+            left = np.cumsum(size[::-1])[::-1]
+            short = np.flatnonzero(left <= TOLERANCE)
+            if short.size and short[0] < count - 0.25 * margin:
                 return max(int(short[0]), 2)  # all is still at the end where damping is large
             count *= 2
 
