@@ -45,7 +45,14 @@ def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, 
 
 
 #: lattices that friction alone holds, and shapes
-OTHERS = [(SQUARE, (12, 12)), (KAGOME, (12, 12)), (HONEYCOMB, (12, 12)), (SC, (4, 4, 4)), (BCC, (4, 4, 4)), (DIAMOND, (3, 3, 3))]
+OTHERS = [
+    (SQUARE, (12, 12)),
+    (KAGOME, (12, 12)),
+    (HONEYCOMB, (12, 12)),
+    (SC, (4, 4, 4)),
+    (BCC, (4, 4, 4)),
+    (DIAMOND, (3, 3, 3)),
+]
 
 
 def ramp(*turns, steps):
@@ -467,6 +474,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
 
 
+@pytest.mark.claim("friction-gas")
 def test_the_honeycomb_stands_with_friction_alone():
     """Two balls of three motions, and three contacts of two forces: 3 L motions cost nothing, but no load moves them."""
     paths = history((3, 3), 0.5, lattice=HONEYCOMB, start="gas")
@@ -482,6 +490,7 @@ def test_the_honeycomb_stands_with_friction_alone():
 
 
 @pytest.mark.exhaustive
+@pytest.mark.claim("friction-gas")
 @pytest.mark.parametrize(("lattice", "shape"), OTHERS)
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
     begun = history(shape, 0.5, lattice=lattice, start="gas").begin()

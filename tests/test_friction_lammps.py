@@ -26,7 +26,10 @@ def differences(mu, spacings, steps, *width, exact=False):
     x = gp.Uniform(1.0).sample(SHAPE, 0)
     x -= np.mean(x)
     stencils = Stencils(SHAPE, ETA)
-    start, geometry = equilibrate(x, Prescribed(overlap=spacings[0] - 0.5)), ExactGeometry(stencils, x, *width) if exact else None
+    start, geometry = (
+        equilibrate(x, Prescribed(overlap=spacings[0] - 0.5)),
+        ExactGeometry(stencils, x, *width) if exact else None,
+    )
     history = LoadingHistory(x, stencils, mu, math.inf, start, geometry=geometry)
     ways = [np.linspace(a, b, steps + 1)[1:] - 0.5 for a, b in itertools.pairwise(spacings)]
     try:
@@ -74,6 +77,7 @@ def test_true_directions_hardly_change_the_forces():
     assert np.all(differences(0.2, (0.5, 0.75, 1.0), 10, 2.55e-4) < 8e-4)
 
 
+@pytest.mark.claim("friction-lammps")
 @pytest.mark.exhaustive
 def test_forces_in_the_exact_geometry_are_those_of_lammps():
     """At a width at which directions matter; that the force of a contact goes with its own radii is of order 0.1 W/d."""

@@ -272,7 +272,6 @@ class _Trial:
             raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
         self.left, self.missed = largest / self.force, abs(self.push) / (closed.size * self.force)
 
-
     def bend(self, way: Array) -> float:
         """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""
         stiffness, none = 1.5 * self.root, np.zeros((0, *self.root.shape))

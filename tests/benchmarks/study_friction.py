@@ -323,6 +323,37 @@ def starts(repeats: int) -> list[Row]:
     return rows
 
 
+# -- the true geometry --------------------------------------------------------------------------------------------------
+
+#: f* up to where both geometries have the same; friction coefficients, zero being statics without friction
+LOW_FORCES, TRUE_FRICTIONS = FORCES[:5], (0.0, 0.2, math.inf)
+
+
+@cache
+def true_moduli(mu: float, geometry: str) -> Array:
+    """(samples, loads, 2) K and G of arrays of the size :data:`SMALLER`, Pa; contacts that slide resist sound."""
+    given: dict[str, Any] = {"friction_history": True, "friction_coefficient": mu, "shear_response": "stick"} if mu else {}
+    simulation = gp.DirectSimulation(PACKING, SMALLER, samples=SAMPLES, geometry=geometry, **given)
+    state = simulation.at_force(np.array(LOW_FORCES) * UNIT)
+    return np.moveaxis(state.over_samples(lambda sample: np.array(bulk_and_shear(sample.elastic_tensor))), 1, 0)
+
+
+def truth(repeats: int) -> list[Row]:
+    """G/K in the directions of the lattice and in true ones, with a history and without; what the former leave out."""
+    rows = []
+    for mu in TRUE_FRICTIONS:
+        found = {geometry: true_moduli(mu, geometry) for geometry in ("lattice", "exact")}
+        for geometry, m in found.items():
+            ratio = over_samples(list(2.0 * m[..., 1] / m[..., 0] / (1.0 + ETA)))
+            rows.append(row_of(f"2G/(1 + eta)K, {named(mu)}, {geometry} geometry", "f", LOW_FORCES, ratio))
+        for place, name in enumerate("KG"):
+            missing = over_samples(list(1.0 - found["lattice"][..., place] / found["exact"][..., place]))
+            rows.append(
+                row_of(f"part of {name} that the lattice's directions leave out, {named(mu)}", "f", LOW_FORCES, missing)
+            )
+    return rows
+
+
 # -- the width of a fit -------------------------------------------------------------------------------------------------
 
 
@@ -447,7 +478,7 @@ def figures(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
-    "widths": widths, "energy": energy, "figures": figures,
+    "truth": truth, "widths": widths, "energy": energy, "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":
