@@ -337,7 +337,7 @@ def test_balls_do_not_rest_at_a_saddle(size, seed, force):
 def test_what_the_geometry_needs():
     stencils = Stencils((3, 3))
     for ratio in (-0.1, 0.21, math.nan):
-        with pytest.raises(InputError, match="from zero to 0.2 diameters"):
+        with pytest.raises(InputError, match=r"from zero to 0\.2 diameters"):
             ExactGeometry(stencils, np.zeros((3, 3)), ratio)
     with pytest.raises(InputError, match="carries no load"):
         equilibrate_in_truth(balls((6, 6)), Prescribed(overlap=-0.3), 1e-3)

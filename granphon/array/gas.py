@@ -4,10 +4,10 @@ Where too few balls touch, nothing holds them, and no equilibrium is unique. A r
 it, and so does this one: in each step of the load, dashpots between neighbours resist what these move against each other
 since the step before, with :data:`DRAG` times the displacement over the step (in units of c W^(1/2)); slips meet eta times
 as much. Balls that nothing pushes stay where they are. The overlap grows by :data:`STEP` at a time from the first contact
-on. When the mean force has come to :data:`STANDING_FORCE`, the overlap is held, and the balls come to rest or give way, in steps
-of time that grow: dashpots are weakened from step to step. When they bear next to nothing they are taken away. If the
-array then bears at least half of this force, in balance, it stands, and its history begins there; if it gives way before, or is
-not at rest after many steps, it is pressed on.
+on. When the mean force has come to :data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come
+to rest or give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next to nothing they
+are taken away. If the array then bears at least half of this force, in balance, it stands, and its history begins there; if
+it gives way before, or is not at rest after many steps, it is pressed on.
 
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
 arrays; the tests state it.

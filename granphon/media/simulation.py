@@ -258,8 +258,8 @@ class SimulatedState(SampleMeans):
         It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each sample is solved at two
         more loads, when the exponent or its error is first asked for. The derivative itself is not used, as its variance is
         infinite: a contact about to open contributes a slope of h^(-1/2). With a history of friction the two loads are those
-        of further loading, 5 % and 15 % above. In the exact geometry the spacing falls with the load, by f/k for each unit of
-        log f; density and pressure follow.
+        of further loading, 5 % and 15 % above. In the exact geometry the spacing falls with the load, by f/k for each unit
+        of log f; density and pressure follow.
         """
         if not self.packing.spread_matters:
             return super().exponent

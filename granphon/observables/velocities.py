@@ -40,8 +40,8 @@ def local_exponent(state: ContactState) -> Any:
     """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
 
     Terms of relative order delta/d are left out of media with a contact law; of a simulation with geometry="exact" they are
-    not. Scenes and sweeps follow: with ``finite_overlap`` they have the exponent of such a simulation alone. As v goes as the root of k, and P as f, the exponent is f k'/2k^2,
-    with the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters k has a kink, and
+    not. With ``finite_overlap`` scenes and sweeps have the exponent of such a simulation alone. As v goes as the root of k,
+    and P as f, the exponent is f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters k has a kink, and
     the exponent a spike, where the contacts between two of the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the longitudinal velocity, which

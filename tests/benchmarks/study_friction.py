@@ -30,6 +30,7 @@ from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
 from granphon.array.sample import LEAST_CONTACT
 from granphon.array.stencils import Stencils
+from granphon.array.true_equilibrium import equilibrate_in_truth
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
 
@@ -354,6 +355,30 @@ def truth(repeats: int) -> list[Row]:
     return rows
 
 
+#: sizes of arrays, and f*, at which they come to rest without friction in the true geometry; with seeds from 0
+REST_SIZES, REST_FORCES, REST_SEEDS = (16, 24, 32), (0.1, 0.05, 0.025, 0.012, 0.005), range(10)
+
+
+def rest(repeats: int) -> list[Row]:
+    """How many arrays come to rest at a minimum of the energy in the true geometry, where they resist every strain."""
+    rows = []
+    for size in REST_SIZES:
+        stable, residual = 0, 0.0
+        for seed in REST_SEEDS:
+            stencils = Stencils((size, size))
+            for load in REST_FORCES:
+                state = equilibrate_in_truth(
+                    deviations(seed, (size, size)), Prescribed(force=load), WIDTH / PACKING.diameter, stencils
+                )
+                stable += bool(np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0))
+                residual = max(residual, state.residual)
+        count = len(REST_FORCES) * len(REST_SEEDS)
+        what = f"{count} arrays of {size} x {size}, {over('f', REST_FORCES)}"
+        rows.append(Row(f"at a minimum, of {what}", stable))
+        rows.append(Row(f"force left, {what}", residual, "", 1e-10))
+    return rows
+
+
 # -- the width of a fit -------------------------------------------------------------------------------------------------
 
 
@@ -478,7 +503,7 @@ def figures(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
-    "truth": truth, "widths": widths, "energy": energy, "figures": figures,
+    "truth": truth, "rest": rest, "widths": widths, "energy": energy, "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":
