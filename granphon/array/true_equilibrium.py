@@ -130,7 +130,7 @@ class TrueEquilibrium(Equilibrium):
         """
         acting, down, generator = self._act(min(self.residual, _LEAST_TOLERANCE)), list[Array](), np.random.default_rng(0)
         along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
-        push = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
+        push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
 
         def apply(vector: Array) -> Array:
