@@ -251,7 +251,7 @@ class LoadingHistory:
             if state is not None:
                 trail = [*trail[-2:], state]
                 ahead.pop()
-            elif halvings == _MOST_HALVINGS or self._aim(load) == self._measure(trail[-1], load):  # no way to be halved
+            elif halvings == _MOST_HALVINGS:
                 raise self._explain(load, "its forces are not in balance, however short the steps")
             else:
                 halvings += 1
