@@ -23,7 +23,7 @@ from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.lattices import FCC, SQUARE, TRIANGULAR
+from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear
 
@@ -40,7 +40,19 @@ def balls(shape, seed=0):
 
 
 def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, **more):
-    return LoadingHistory(balls(shape, seed), Stencils(shape, ETA, lattice=lattice), mu, tolerance, **more)
+    stencils = Stencils(shape, ETA, lattice=lattice)
+    return LoadingHistory(balls(stencils.ball_shape, seed), stencils, mu, tolerance, **more)
+
+
+#: lattices that friction alone holds, and shapes
+OTHERS = [
+    (SQUARE, (12, 12)),
+    (KAGOME, (12, 12)),
+    (HONEYCOMB, (12, 12)),
+    (SC, (4, 4, 4)),
+    (BCC, (4, 4, 4)),
+    (DIAMOND, (3, 3, 3)),
+]
 
 
 def ramp(*turns, steps):
@@ -460,6 +472,31 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     assert begun.residual <= 1e-9
     assert residual(paths, begun) < 2e-9
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
+
+
+@pytest.mark.claim("friction-gas")
+def test_the_honeycomb_stands_with_friction_alone():
+    """Two balls of three motions, and three contacts of two forces: 3 L motions cost nothing, but no load moves them."""
+    paths = history((3, 3), 0.5, lattice=HONEYCOMB, start="gas")
+    begun, stencils = paths.begin(), paths.stencils
+    assert begun.residual <= 1e-9
+    units = np.eye(begun.balls.size).reshape(-1, *begun.balls.shape)
+    rows = np.array([np.ravel(stencils.deformations(Motion(one, 0.0))) for one in units])
+    assert rows.shape == (54, 54)
+    assert np.linalg.matrix_rank(rows, tol=1e-9) == 54 - 9
+    state = PressedEquilibrium.of(begun, paths.deviations, stencils, 0.0)
+    found = np.linalg.eigvalsh(elasticity(state, state.shear_ratios("stick")))
+    assert found[0] > 0.2 * found[-1]
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("friction-gas")
+@pytest.mark.parametrize(("lattice", "shape"), OTHERS)
+def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
+    begun = history(shape, 0.5, lattice=lattice, start="gas").begin()
+    assert begun.residual <= 1e-9
+    assert begun.force > 0.5 * gas.STANDING_FORCE
+    assert begun.krylov < 20_000  # each takes some tenths of a millisecond; it was more than 200 000
 
 
 @pytest.mark.exhaustive

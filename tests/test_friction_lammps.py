@@ -13,16 +13,24 @@ import granphon as gp
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
+from granphon.array.true_geometry import ExactGeometry
 
 SHAPE, ETA = (8, 8), 0.82
 
 
-def differences(mu, spacings, steps, *width):
-    """Rms differences of contact forces at the ``spacings`` a*, each reached from the one before in so many steps."""
+def differences(mu, spacings, steps, *width, exact=False):
+    """Rms differences of contact forces at the ``spacings`` a*, each reached from the one before in so many steps.
+
+    The ``width`` is W/d of LAMMPS' balls; the history has it only in its ``exact`` geometry.
+    """
     x = gp.Uniform(1.0).sample(SHAPE, 0)
     x -= np.mean(x)
     stencils = Stencils(SHAPE, ETA)
-    history = LoadingHistory(x, stencils, mu, math.inf, equilibrate(x, Prescribed(overlap=spacings[0] - 0.5)))
+    start, geometry = (
+        equilibrate(x, Prescribed(overlap=spacings[0] - 0.5)),
+        ExactGeometry(stencils, x, *width) if exact else None,
+    )
+    history = LoadingHistory(x, stencils, mu, math.inf, start, geometry=geometry)
     ways = [np.linspace(a, b, steps + 1)[1:] - 0.5 for a, b in itertools.pairwise(spacings)]
     try:
         twin = PressedTwin(x, stencils, mu, history.begin(), *width)
@@ -67,3 +75,13 @@ def test_forces_from_a_low_load_are_those_of_lammps(mu, spacings):
 def test_true_directions_hardly_change_the_forces():
     """Of balls of 8 mm with W = 2.04 um: the difference is no larger than at a small width, that of the steps."""
     assert np.all(differences(0.2, (0.5, 0.75, 1.0), 10, 2.55e-4) < 8e-4)
+
+
+@pytest.mark.claim("friction-lammps")
+@pytest.mark.exhaustive
+def test_forces_in_the_exact_geometry_are_those_of_lammps():
+    """At a width at which directions matter; that the force of a contact goes with its own radii is of order 0.1 W/d."""
+    width, path = 3e-3, (0.1, (0.7, 0.9, 0.75), 8)
+    exact, lattice = (differences(*path, width, exact=one) for one in (True, False))
+    assert np.all(exact < 3e-4)
+    assert np.all(lattice > 3.0 * exact)

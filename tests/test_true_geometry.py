@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from test_friction_history import Dense
 from test_stencils import Explicit, cartesian
 
@@ -31,6 +32,8 @@ LATTICES = pytest.mark.parametrize(
     ids=lambda one: getattr(one, "name", ""),
 )
 AREA = math.sqrt(3.0) / 2.0
+#: W/d of the paper's balls
+STEEL_WIDTH = 2.04e-6 / 8e-3
 STRAINS = [np.array(s) for s in ([[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]])]
 
 
@@ -291,10 +294,50 @@ def test_a_ball_between_two_others_in_line_moves_out():
     np.testing.assert_allclose(state.forces, limit.forces, rtol=0.0, atol=2e-3 * limit.force)
 
 
+def hessian(state):
+    """Second derivatives of the energy by the motions of balls, of the contacts that carry load."""
+    law, none = (lambda loss, slip: (state.stiffnesses * loss, slip)), np.zeros((0, *state.forces.shape))
+    carried = np.where(state.stiffnesses > 0.0, state.forces, 0.0)
+    units = np.eye(state.balls.size).reshape(-1, *state.balls.shape)
+    return np.array([np.ravel(state.place.respond(Motion(one, 0.0), law, carried, none)[0]) for one in units])
+
+
+@pytest.mark.claim("friction-minimum")
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed):
+    """At the places of the lattice's equilibrium some balls between two others in line would fall aside; at rest none."""
+    limit = equilibrate(balls((6, 6), seed), Prescribed(overlap=-0.05))
+    in_line = TrueEquilibrium(limit.deviations, limit.overlap, limit.balls, limit.residual, ratio=2.55e-4)
+    at_end, inverse = at_rest((6, 6), seed, -0.05, 2.55e-4), limit.stencils.preconditioner(limit.stiffnesses)
+    for state, stable in ((in_line, False), (at_end, True)):
+        matrix, (way, _) = hessian(state), state.find_way_down(inverse)
+        least = np.linalg.eigvalsh(matrix)[0]
+        assert (least > -1e-12, way is None) == (stable, stable)
+        if way is not None:
+            assert np.ravel(way) @ matrix @ np.ravel(way) < 0.0
+
+
+#: size, seed and f* at which balls came to rest at a saddle
+SADDLES = [(32, 6, 0.025), (24, 2, 0.025), (24, 6, 0.005), (32, 0, 0.012), (32, 5, 0.012)]
+
+
+@pytest.mark.claim("friction-minimum")
+@pytest.mark.parametrize(
+    ("size", "seed", "force"), [SADDLES[0], *(pytest.param(*one, marks=pytest.mark.exhaustive) for one in SADDLES[1:])]
+)
+def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
+    x = gp.DirectSimulation(gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)), (size, size), seed).deviations(0)
+    state = equilibrate_in_truth(x, Prescribed(force=force), STEEL_WIDTH)
+    assert state.residual <= 1e-10
+    assert state.stiffness > 0.0
+    assert np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0)
+
+
 def test_what_the_geometry_needs():
     stencils = Stencils((3, 3))
-    with pytest.raises(InputError, match="below one"):
-        ExactGeometry(stencils, np.zeros((3, 3)), -0.1)
+    for ratio in (-0.1, 0.21, math.nan):
+        with pytest.raises(InputError, match=r"from zero to 0\.2 diameters"):
+            ExactGeometry(stencils, np.zeros((3, 3)), ratio)
     with pytest.raises(InputError, match="carries no load"):
         equilibrate_in_truth(balls((6, 6)), Prescribed(overlap=-0.3), 1e-3)
 
@@ -424,7 +467,6 @@ def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
     return less, float(np.mean(limit.forces > 1e-6 * limit.force))
 
 
-STEEL_WIDTH = 2.04e-6 / 8e-3
 #: a*, and the parts of K and G, of 32 x 32 balls of steel, W = 2.04 um, d = 8 mm
 BY_LOAD = [(0.7, 0.0, 0.0), (0.6, 0.0006, 0.0038), (0.45, 0.009, 0.055), (0.42, 0.015, 0.11)]
 
@@ -488,6 +530,66 @@ def test_the_check_is_of_the_geometry_of_the_lattice(steel):
     expected = estimate_shear_deficit(found[0].contact_fraction, STEEL_WIDTH, 2)
     assert of_lattice["shear"].value == pytest.approx(expected, rel=1e-12)
     assert "shear" not in [check.name for check in of_truth.checks]
+
+
+@pytest.mark.claim("friction-truth")
+@pytest.mark.exhaustive
+def test_after_a_history_more_is_left_out(steel):
+    packing, given = (
+        gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)),
+        {"friction_history": True, "shear_response": "stick"},
+    )
+    low, true = (
+        gp.DirectSimulation(packing, (32, 32), geometry=one, friction_coefficient=0.2, samples=2, **given).at_force(
+            np.array([0.05, 0.08]) * packing.width_units.force
+        )
+        for one in ("lattice", "exact")
+    )
+    expected = gp.validity(low)["shear"].value
+    assert np.all(expected > 1e-2)  # which is the limit
+    shears = [np.array([isotropic(one)[1] for one in state.elastic_tensor]) for state in (low, true)]
+    assert np.all(np.abs(np.log(expected / (1.0 - shears[0] / shears[1]))) < math.log(1.8))
+
+
+@pytest.mark.exhaustive
+def test_a_scene_warns_where_the_limit_is_not_good_enough(tmp_path):
+    for overlap, geometry, warned in (("0", "lattice", True), ("0.2", "lattice", False), ("0", "exact", False)):
+        text = f"""
+            material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
+            packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}
+            load: {{overlap: {overlap} um}}
+            medium: {{simulation: {{shape: 16 16, geometry: {geometry}}}}}
+            """
+        gp.Scene.from_text(text).run(tmp_path / f"{geometry} {overlap}")
+        summary = yaml.safe_load((tmp_path / f"{geometry} {overlap}" / "summary.yaml").read_text())
+        assert any("shear modulus" in one for one in summary.get("warnings", ())) == warned
+
+
+@pytest.mark.parametrize("kind", ["force", "overlap"])
+def test_the_exponent_has_the_terms_of_finite_overlap(steel, kind):
+    """Of velocity and pressure at two forces 5 % to either side; density and pressure go with the spacing."""
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(4e-4))
+    simulation = gp.DirectSimulation(packing, (6, 6), geometry="exact")
+    middle = simulation.at_overlap(4e-4)
+    state = middle if kind == "overlap" else simulation.at_force(middle.force)
+    beside = simulation.at_force(middle.force * np.exp([-0.05, 0.05]))
+    velocity = gp.sound_velocities(beside).longitudinal
+    expected = np.log(velocity[1] / velocity[0]) / np.log(beside.pressure[1] / beside.pressure[0])
+    assert gp.local_exponent(state) == pytest.approx(expected, abs=2e-5)
+
+
+def test_scenes_have_the_exponent_of_the_exact_geometry(tmp_path):
+    text = """
+        material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+        packing: {diameter: 8 mm, spread: {uniform: 2 um}, finite_overlap: true}
+        load: {overlap: 1 um}
+        observe: [velocities]
+        """.replace("\n        ", "\n")
+    for medium, there in (("{simulation: {shape: 6 6, geometry: exact}}", True), ("ema", False)):
+        scene = gp.Scene.from_text(f"{text}medium: {medium}")
+        scene.run(tmp_path / str(there))
+        summary = yaml.safe_load((tmp_path / str(there) / "summary.yaml").read_text())
+        assert summary.get("exponent") == (gp.local_exponent(scene.state()) if there else None)
 
 
 # -- histories ----------------------------------------------------------------------------------------------------------

@@ -4,9 +4,10 @@ Where too few balls touch, nothing holds them, and no equilibrium is unique. A r
 it, and so does this one: in each step of the load, dashpots between neighbours resist what these move against each other
 since the step before, with :data:`DRAG` times the displacement over the step (in units of c W^(1/2)); slips meet eta times
 as much. Balls that nothing pushes stay where they are. The overlap grows by :data:`STEP` at a time from the first contact
-on. When the mean force has come to :data:`STANDING_FORCE`, the dashpots are weakened to nothing at the same overlap. If the
-array then bears at least half of this force, in balance, it stands, and its history begins there; otherwise it is pressed
-on.
+on. When the mean force has come to :data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come
+to rest or give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next to nothing they
+are taken away. If the array then bears at least half of this force, in balance, it stands, and its history begins there; if
+it gives way before, or is not at rest after many steps, it is pressed on.
 
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
 arrays; the tests state it.
@@ -34,9 +35,11 @@ DRAG = 1e-2
 #: change of the overlap in a step
 STEP = 0.0125
 #: mean force at which an array that has been a gas has to stand
-STANDING_FORCE = 5e-3
-#: factors by which dashpots are weakened one after the other
-_WEAKER = (0.1, 0.01, 0.0)
+STANDING_FORCE = 2e-2
+#: factor by which dashpots are weakened from one step at held overlap to the next, and the most such steps
+_WEAKER, _MOST_STEPS = 0.3, 30
+#: largest force of a dashpot, over the mean force, with which they are taken away
+_NEXT_TO_NOTHING = 1e-3
 #: largest overlap at which an array of different balls is still a gas
 _MOST_OVERLAP = 2.0
 
@@ -49,21 +52,13 @@ def press_gas(history: LoadingHistory) -> PressedArray:
     means = history.stencils.average_pairs(history.deviations)
     sites = np.zeros((history.stencils.n_balls * len(history.stencils.shape), *history.stencils.shape))
     here = history.place(sites, -float(np.max(means)))
-    damped = [replace(history, start=None, drag=DRAG * factor) for factor in (1.0, *_WEAKER)]
+    damped = replace(history, start=None, drag=DRAG)
     while here.overlap < _MOST_OVERLAP:
-        load = Prescribed(overlap=here.overlap + STEP)
-        here = damped[0].step([here], load)
-        if here.force < STANDING_FORCE:
-            continue
-        loose = here
-        for weaker in damped[1:]:
-            try:
-                loose = weaker.step([loose], load)
-            except ConvergenceError:
-                break
-        else:
-            if loose.force >= 0.5 * STANDING_FORCE:
-                return loose
+        here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
+        if here.force >= STANDING_FORCE:
+            at_rest = _come_to_rest(damped, here)
+            if at_rest is not None:
+                return at_rest
     raise ConvergenceError(
         message(
             f"the balls still do not stand at an overlap of {here.overlap:.3g} widths",
@@ -71,3 +66,22 @@ def press_gas(history: LoadingHistory) -> PressedArray:
             "Raise the friction coefficient",
         )
     )
+
+
+def _come_to_rest(damped: LoadingHistory, here: PressedArray) -> PressedArray | None:
+    """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
+    load, drag = Prescribed(overlap=here.overlap), damped.drag
+    for _ in range(_MOST_STEPS):
+        before, drag = here, _WEAKER * drag
+        try:
+            here = replace(damped, drag=drag).step([before], load)
+            if here.force < 0.5 * STANDING_FORCE:
+                return None
+            now, then = here.contacts, before.contacts
+            moved = max(float(np.max(np.abs(a - b))) for a, b in ((now.overlaps, then.overlaps), (now.slips, then.slips)))
+            if drag * moved < _NEXT_TO_NOTHING * here.force:
+                at_rest = replace(damped, drag=0.0).step([here], load)
+                return at_rest if at_rest.force >= 0.5 * STANDING_FORCE else None
+        except ConvergenceError:
+            return None
+    return None

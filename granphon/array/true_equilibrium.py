@@ -5,23 +5,27 @@ from the limit of small spread it is no longer convex: a contact that carries a 
 stiffness -f W/d. On the lattice a ball between two others in line may stay there. In truth it moves out until it touches a
 third, which then carries a force of the order f W/d. The interior-point method (:mod:`granphon.array.interior`) leads loose
 balls there from the equilibrium on the lattice, and Newton's method goes on. With the sign of -f W/d turned, a step is about
-as long as the ball is far from the line: so in the first method, and in the second where the curvature is below zero.
+as long as the ball is far from the line: so in both methods. Where the way ends so near the line that hardly any force is
+left on the ball, that is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below
+zero the balls go downhill along that direction, and on from there.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.conjugate_gradients import solve_by_descent
+from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.geometry import Inverse
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils
+from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.base.errors import ConvergenceError, InputError, message
@@ -44,6 +48,19 @@ _MOST_STIFF = 0.8
 _FEW_STEPS = 15
 #: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
 _CLOSE = 1e-9
+#: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
+_ASIDE = 1e-2
+#: largest number of times that balls go down from a saddle
+_MOST_SADDLES = 50
+#: part of the error of a response to random forces that is left when the curvature has been probed, and the most iterations
+_PROBED, _PROBE_STEPS = 1e-6, 20_000
+#: curvature below zero, over that of the same contacts if they moved along their directions, that may be rounding
+_ROUNDING = 1e-13
+#: part of the residual that may be left where light contacts hold a ball that lighter ones keep from going aside, but the
+#: latter cannot be told from what is left of balance
+_FINER = 1e-2
+#: largest displacement of a ball, in W, with which a way down begins, and the number of times that it may be doubled
+_FIRST_MOVE, _DOUBLINGS = 1e-2, 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
 
@@ -70,10 +87,15 @@ class TrueEquilibrium(Equilibrium):
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         return self.place.differences
 
-    def _act(self) -> ActingForces:
-        """Return the contacts that carry load, without friction."""
+    def _act(self, residual: float | None = None) -> ActingForces:
+        """Return the contacts that carry load, without friction.
+
+        Balls that light contacts push aside lean on others with about W/d of their force. Where that cannot be told from a
+        ``residual``, by default the own one, the light contacts hold instead, with W/d of their force.
+        """
         stiffness = self.stiffnesses
-        carried = np.where(stiffness > 0.0, self.forces, 0.0)
+        least = CARRIED_FORCE * (self.residual if residual is None else residual) * self.force
+        carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (stiffness > 0.0)
         none = np.zeros((0, *carried.shape))
         return ActingForces(lambda loss, slip: (stiffness * loss, slip), stiffness, carried, none)
 
@@ -99,6 +121,34 @@ class TrueEquilibrium(Equilibrium):
         more = bend - place.lose(place.geometry.split(Motion(motion, 0.0))[0])
         return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
 
+    def find_way_down(self, inverse: Inverse) -> tuple[Array | None, int]:
+        """Return a motion of the balls along which the curvature of the energy is below zero, None if there is none.
+
+        The overlap y is kept. Conjugate gradients look for the response to random forces, of which each contact bears as
+        much energy along its direction as across; while they do, they meet such a motion. The number is that of iterations;
+        ``inverse`` is that of the array.
+        """
+        acting, down, generator = self._act(min(self.residual, _LEAST_TOLERANCE)), list[Array](), np.random.default_rng(0)
+        along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
+        push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
+        push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
+
+        def apply(vector: Array) -> Array:
+            motion = Motion(vector.reshape(self.balls.shape), 0.0)
+            change = np.ravel(self.place.respond(motion, acting.law, acting.forces, acting.shears)[0])
+            curvature = float(vector @ change)
+            if curvature < 0.0:
+                moved = self.place.geometry.split(motion)[0]
+                if curvature < -_ROUNDING * sum(float(np.sum(acting.springs * one**2)) for one in moved):
+                    down.append(motion.balls)
+            return change
+
+        right = np.ravel(self.place.geometry.join((push[0], push[1], push[2]), *_STILL))
+        _, taken, _ = solve_by_descent(
+            apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, _PROBE_STEPS
+        )
+        return (down[0] if down else None), taken
+
     def find_elasticity(self, mindlin_ratio: float, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
         """Return the (n, n) elastic tensor, in Voigt order, with springs at every contact that carries load.
 
@@ -120,7 +170,8 @@ class TrueEquilibrium(Equilibrium):
         def law(loss: Array, slip: Array) -> tuple[Array, Array]:
             return normal * loss, mindlin_ratio * normal * slip
 
-        acting = ActingForces(law, stencils.weights(normal), self._act().forces, shears, (twist * normal, bending * normal))
+        forces = np.where(normal > 0.0, self.forces, 0.0)
+        acting = ActingForces(law, stencils.weights(normal), forces, shears, (twist * normal, bending * normal))
         return find_elastic_tensor(place, acting, stencils)
 
 
@@ -158,7 +209,7 @@ def equilibrate_in_truth(
     near = isinstance(start, TrueEquilibrium) or not np.any(start.forces == 0.0) or not ratio
     # from a state on the lattice loose balls have far to go: the interior-point method leads them
     for steps in (_FEW_STEPS, _NEWTON_STEPS) if near else (_NEWTON_STEPS,):
-        balls, overlap = start.balls, y
+        balls, overlap, saddles = start.balls, y, 0
         if not near or steps > _FEW_STEPS:
             close = min(_CLOSE, _OF_RATIO * ratio)
             found = approach(geometry, y, balls, load.force if free else None, inverses, False, close)
@@ -173,7 +224,18 @@ def equilibrate_in_truth(
                     deviations=deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils),
                     residual=trial.left, newton=count, conjugate=taken, lattice=stencils.lattice, ratio=ratio,
                 )  # fmt: skip
-                return state.share(deviations, stencils)
+                stiffness = geometry.weigh(state.stiffnesses, state.forces)
+                down, conjugate = state.share(deviations, stencils).find_way_down(inverses.choose(stiffness))
+                taken, saddles = taken + conjugate, saddles + 1
+                stable = down is None or trial.bend(down) >= 0.0
+                if down is None or (stable and tolerance == _LEAST_TOLERANCE):
+                    return replace(state, conjugate=taken).share(deviations, stencils)
+                if saddles > _MOST_SADDLES:
+                    break
+                if not stable:
+                    trial = _go_down(geometry, trial, down, load)
+                    continue
+                tolerance = max(_FINER * trial.left, _LEAST_TOLERANCE)
             stiffness = 1.5 * trial.root
             stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
             step, conjugate = geometry.solve(
@@ -210,6 +272,12 @@ class _Trial:
             raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
         self.left, self.missed = largest / self.force, abs(self.push) / (closed.size * self.force)
 
+    def bend(self, way: Array) -> float:
+        """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""
+        stiffness, none = 1.5 * self.root, np.zeros((0, *self.root.shape))
+        change, _ = self.place.respond(Motion(way, 0.0), lambda loss, slip: (stiffness * loss, slip), self.forces, none)
+        return dot(change, way)
+
 
 def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescribed) -> _Trial:
     """Return the state after a step, as far along it as the energy falls fast."""
@@ -231,6 +299,19 @@ def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescrib
         else:
             low, at_low = length, slope
             length = 0.5 * (low + high)
+    return there
+
+
+def _go_down(geometry: ExactGeometry, trial: _Trial, way: Array, load: Prescribed) -> _Trial:
+    """Return a state below a saddle, on a ``way`` along which the curvature there is below zero."""
+    size = math.sqrt(float(np.max(np.sum(geometry.stencils.cartesian(way) ** 2, axis=0))))
+    way = math.copysign(_FIRST_MOVE / size, dot(trial.pull, way)) * way
+    there = trial
+    for doubling in range(_DOUBLINGS):
+        ahead = _Trial(geometry.place(trial.balls + 2.0**doubling * way, trial.overlap), load)
+        if doubling and dot(ahead.pull, way) < 0.0:
+            break
+        there = ahead
     return there
 
 

@@ -40,28 +40,37 @@ from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row
 
-__all__ = ["ExactGeometry", "ExactPlace"]
+__all__ = ["LARGEST_RATIO", "ExactGeometry", "ExactPlace", "require_small"]
 
 Array = NDArray[np.float64]
 #: components along a contact's direction on the lattice and the two tangents there, arrays (n_c, L1, ..., Lp); those that
 #: balls on a line or in a plane do not have are the number 0.0
 _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
+#: largest width over diameter: of balls that differ more, some leave their neighbours, and touch others
+LARGEST_RATIO = 0.2
 #: largest number of conjugate-gradient steps in one step of Newton's method
 _MOST_STEPS = 3000
+
+
+def require_small(ratio: float) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless the ratio W/d is from zero to :data:`LARGEST_RATIO`."""
+    if not 0.0 <= ratio <= LARGEST_RATIO:
+        what = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
+        why = "Contacts are those of neighbours on the lattice: of balls that differ much, others touch"
+        raise InputError(message(what, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters"))
 
 
 class ExactGeometry:
     """True geometry of an array whose balls are of the mean diameter d: directions, arms and overlaps from positions.
 
     ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without. Raises
-    :class:`~granphon.base.errors.InputError` if the ratio is not zero or above, or balls on a lattice with p periods do not
-    lie in p dimensions.
+    :class:`~granphon.base.errors.InputError` if the ratio is not from zero to :data:`LARGEST_RATIO`, or balls on a lattice
+    with p periods do not lie in p dimensions.
     """
 
     def __init__(self, stencils: Stencils, deviations: Array, ratio: float) -> None:
-        if not 0.0 <= ratio < 1.0:
-            raise InputError(message(f"a width of {ratio:g} diameters is not zero or above, and below one"))
+        require_small(ratio)
         if stencils.lattice.dimension != stencils.lattice.periods:
             what = f"the lattice {stencils.lattice.name} has {stencils.lattice.periods} periods in more dimensions"
             raise InputError(message(what, "The true geometry is found of balls that move along the periods alone"))

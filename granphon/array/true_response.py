@@ -44,7 +44,8 @@ class ActingForces(NamedTuple):
     ----------
     law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
     springs : (rows, L1, ..., Lp) stiffnesses of all deformations of the stencils, for preconditioners.
-    forces : (n_c, L1, ..., Lp) normal forces that act.
+    forces : (n_c, L1, ..., Lp) normal forces that act; with the sign below zero where they are to hold balls against going
+        aside, and not to push them there.
     shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; n_s is 0 where nothing resists slip.
     rolling : stiffnesses of contacts against twist and rolls.
     """
@@ -139,7 +140,7 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
             tensor[row, column] = float(sum(terms))
     eps = geometry.ratio
     measure = stencils.lattice.measure * math.prod(stencils.shape) * (1.0 - eps * place.overlap) ** p
-    stress = place.stress(acting.forces, acting.shears) / measure
+    stress = place.stress(np.abs(acting.forces), acting.shears) / measure
     one = np.eye(p)
     for row, (i, j) in enumerate(pairs):
         for column, (k, m) in enumerate(pairs):

@@ -16,7 +16,7 @@ from granphon.array.gas import GAS
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
 from granphon.array.pressed_sample import SHEAR_RESPONSES, ContinuedHistory, PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
-from granphon.array.true_geometry import ExactGeometry
+from granphon.array.true_geometry import ExactGeometry, require_small
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, Refused, message
@@ -184,7 +184,8 @@ def read_loading(
 def find_ratio(packing: Packing, geometry: str) -> float:
     """Return W/d for the exact geometry, and zero for that of the lattice.
 
-    Raises :class:`~granphon.base.errors.InputError` where the exact one is that of the lattice: of equal balls, on a line.
+    Raises :class:`~granphon.base.errors.InputError` where the exact one is that of the lattice: of equal balls, on a line;
+    and where balls differ too much for it.
     """
     if geometry == GEOMETRIES[0]:
         return 0.0
@@ -192,7 +193,9 @@ def find_ratio(packing: Packing, geometry: str) -> float:
         what = "on a line" if packing.width else "of equal balls"
         why = f"The contacts {what} have the directions of the lattice anyway"
         raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
-    return packing.width / packing.diameter
+    ratio = packing.width / packing.diameter
+    require_small(ratio)
+    return ratio
 
 
 def _reduce_start(packing: Packing, start: float | Load | str | None) -> Prescribed | str:

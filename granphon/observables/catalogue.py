@@ -141,11 +141,12 @@ def _find_of_cubic(of: Analysis, name: str) -> Any:
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
-    """Make ``find`` a function of an analysis that returns None for states with finite overlap.
+    """Make ``find`` a function of an analysis that returns None for states of a contact law with finite overlap.
 
-    The exponent is that of the limit of small overlap, and does not belong to such states.
+    Their exponent is that of the limit of small overlap, and does not belong to them. That of samples in their exact
+    geometry has all terms.
     """
-    return lambda of: None if of.state.finite_overlap else find(of.state)
+    return lambda of: None if of.state.finite_overlap and not of.state.n_samples else find(of.state)
 
 
 # -- the entries ----------------------------------------------------------------------------------------------------

@@ -39,9 +39,10 @@ _AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hi
 def local_exponent(state: ContactState) -> Any:
     """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
 
-    Terms of relative order delta/d are always left out. As v goes as the root of k, and P as f, the exponent is f k'/2k^2,
-    with the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters k has a kink, and
-    the exponent a spike, where the contacts between two of the diameters open.
+    Terms of relative order delta/d are left out of media with a contact law; of a simulation with geometry="exact" they are
+    not. With ``finite_overlap`` scenes and sweeps have the exponent of such a simulation alone. As v goes as the root of k,
+    and P as f, the exponent is f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls.
+    With listed diameters k has a kink, and the exponent a spike, where the contacts between two of the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the longitudinal velocity, which
     follows from the mean K + G of the samples: the same samples are solved at two loads, 5 % below and above, and the

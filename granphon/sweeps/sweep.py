@@ -84,7 +84,7 @@ def sweep(
     media : "ala", "afa", "ema", "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
         {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
         each once.
-    finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
+    finite_overlap : keep the terms of relative order delta/d. Media with a contact law then have no exponent.
     direction : Cartesian direction of sound, (p,) for lattices of p periods, or (n, p) for many; by default x. Many make one
         more dimension of the velocities, ``direction``.
     bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it; the frequencies along it are added to the

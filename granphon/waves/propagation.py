@@ -151,7 +151,7 @@ class Propagation:
 
     @cached_property
     def order(self) -> int:
-        """The number of polynomials; the coefficients of others add up to :data:`TOLERANCE`, or to the rounding of a phase."""
+        """Number of polynomials; the coefficients of others add up to :data:`TOLERANCE`, or to the rounding of phases."""
         reach = 0.5 * self.operator.top * self.duration
         margin = 12.0 * reach ** (1.0 / 3.0) + 40.0
         count = math.ceil(reach + margin)

@@ -30,6 +30,7 @@ from granphon.array.history import LoadingHistory, PressedArray
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
+from granphon.array.true_equilibrium import equilibrate_in_truth
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
 
@@ -323,6 +324,61 @@ def starts(repeats: int) -> list[Row]:
     return rows
 
 
+# -- the true geometry --------------------------------------------------------------------------------------------------
+
+#: f* up to where both geometries have the same; friction coefficients, zero being statics without friction
+LOW_FORCES, TRUE_FRICTIONS = FORCES[:5], (0.0, 0.2, math.inf)
+
+
+@cache
+def true_moduli(mu: float, geometry: str) -> Array:
+    """(samples, loads, 2) K and G of arrays of the size :data:`SMALLER`, Pa; contacts that slide resist sound."""
+    given: dict[str, Any] = {"friction_history": True, "friction_coefficient": mu, "shear_response": "stick"} if mu else {}
+    simulation = gp.DirectSimulation(PACKING, SMALLER, samples=SAMPLES, geometry=geometry, **given)
+    state = simulation.at_force(np.array(LOW_FORCES) * UNIT)
+    return np.moveaxis(state.over_samples(lambda sample: np.array(bulk_and_shear(sample.elastic_tensor))), 1, 0)
+
+
+def truth(repeats: int) -> list[Row]:
+    """G/K in the directions of the lattice and in true ones, with a history and without; what the former leave out."""
+    rows = []
+    for mu in TRUE_FRICTIONS:
+        found = {geometry: true_moduli(mu, geometry) for geometry in ("lattice", "exact")}
+        for geometry, m in found.items():
+            ratio = over_samples(list(2.0 * m[..., 1] / m[..., 0] / (1.0 + ETA)))
+            rows.append(row_of(f"2G/(1 + eta)K, {named(mu)}, {geometry} geometry", "f", LOW_FORCES, ratio))
+        for place, name in enumerate("KG"):
+            missing = over_samples(list(1.0 - found["lattice"][..., place] / found["exact"][..., place]))
+            rows.append(
+                row_of(f"part of {name} that the lattice's directions leave out, {named(mu)}", "f", LOW_FORCES, missing)
+            )
+    return rows
+
+
+#: sizes of arrays, and f*, at which they come to rest without friction in the true geometry; with seeds from 0
+REST_SIZES, REST_FORCES, REST_SEEDS = (16, 24, 32), (0.1, 0.05, 0.025, 0.012, 0.005), range(10)
+
+
+def rest(repeats: int) -> list[Row]:
+    """How many arrays come to rest at a minimum of the energy in the true geometry, where they resist every strain."""
+    rows = []
+    for size in REST_SIZES:
+        stable, residual = 0, 0.0
+        for seed in REST_SEEDS:
+            stencils = Stencils((size, size))
+            for load in REST_FORCES:
+                state = equilibrate_in_truth(
+                    deviations(seed, (size, size)), Prescribed(force=load), WIDTH / PACKING.diameter, stencils
+                )
+                stable += bool(np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0))
+                residual = max(residual, state.residual)
+        count = len(REST_FORCES) * len(REST_SEEDS)
+        what = f"{count} arrays of {size} x {size}, {over('f', REST_FORCES)}"
+        rows.append(Row(f"at a minimum, of {what}", stable))
+        rows.append(Row(f"force left, {what}", residual, "", 1e-10))
+    return rows
+
+
 # -- the width of a fit -------------------------------------------------------------------------------------------------
 
 
@@ -447,7 +503,7 @@ def figures(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
-    "widths": widths, "energy": energy, "figures": figures,
+    "truth": truth, "rest": rest, "widths": widths, "energy": energy, "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":
