@@ -78,14 +78,13 @@ class Geometry(Protocol):
         """Return the overlaps and slips of contacts at the beginning of a history."""
 
     def solve(
-        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool,
-        turned: bool = False,
-    ) -> tuple[Motion, int]:  # fmt: skip
+        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool
+    ) -> tuple[Motion, int]:
         """Solve for a small motion that takes forces on balls away, without friction.
 
         The error falls by ``reduction``. ``forces`` act here, and turn with their contacts. If ``free`` is true, the
-        compression is an unknown too. Returns the motion and the number of iterations. If ``turned`` is true, the stiffness
-        by which forces push balls aside has the other sign, so that there is always a solution.
+        compression is an unknown too. Returns the motion and the number of iterations. The stiffness by which forces push
+        balls aside is taken with the other sign, so that there is always a solution.
         """
 
 
@@ -112,7 +111,7 @@ class LatticeGeometry:
 
     def solve(
         self, place: LatticePlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, turned: bool = False,
+        free: bool,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve C^T K C u = ``right``; see :class:`Geometry`."""
         return solve_by_conjugate_gradients(self.stencils, stiffness, right, inverse, reduction, free)

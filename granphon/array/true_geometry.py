@@ -87,12 +87,12 @@ class ExactGeometry:
 
     def solve(
         self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, turned: bool = False,
+        free: bool,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion without friction; see :class:`Geometry`.
 
-        Forces push balls aside with the stiffness -f eps/|w|. With the other sign such balls go farther the same way: the
-        equations are solved so if ``turned``, or if a curvature is below zero.
+        Forces push balls aside with the stiffness -f eps/|w|. It is taken with the other sign, with which there is always a
+        solution; balls that are pushed aside then go the same way.
         """
         size, shape, none = right.balls.size, right.balls.shape, np.zeros((0, *stiffness.shape))
         held = 1.0 / float(np.sum(stiffness))
@@ -106,16 +106,11 @@ class ExactGeometry:
         def law(loss: Array, slip: Array) -> tuple[Array, Array]:
             return stiffness * loss, slip
 
-        taken = 0
-        for sign in (-1.0,):
-            found, steps, stable = solve_by_descent(
-                lambda vector, sign=sign: join(*place.respond(split(vector), law, sign * forces, none)),  # type: ignore[misc]
-                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, _MOST_STEPS,
-            )  # fmt: skip
-            taken += steps
-            if stable:
-                break
+        found, taken, _ = solve_by_descent(
+            lambda vector: join(*place.respond(split(vector), law, -forces, none)),
+            lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
+            join(*right), reduction, _MOST_STEPS,
+        )  # fmt: skip
         return split(found), taken
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
