@@ -158,6 +158,13 @@ class FrictionLaw:
                 coupling += mu * stiffness * sliding
         return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
 
+    def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
+        """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
+        old, new = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
+        part = np.divide(new, old, out=np.ones_like(new), where=new < old)
+        springs = self.mindlin_ratio * _mean_stiffness(before.overlaps, overlaps, old, new)[0]
+        return part * before.shears + springs * (slips - before.slips), springs, self.friction_coefficient * new**3
+
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
         shear = 0.5 * self.mindlin_ratio * 1.5 * np.sqrt(contacts.closed) * self._bent(contacts) ** 2

@@ -34,7 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.geometry import Inverse, Law, Place
+from granphon.array.friction import Tangent
+from granphon.array.geometry import Inverse, Law, Place, Product
+from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
@@ -295,6 +297,15 @@ class ExactPlace:
         moved, total, difference = self.geometry.split(motion)
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
+
+    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
+        """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
+
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            pull, push = self.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
+            return pull.astype(np.float32), push
+
+        return product
 
     def resist(
         self, moved: _Vector, total: _Vector, difference: _Vector, law: Law, forces: Array, shears: Array,
