@@ -22,6 +22,8 @@ Single = NDArray[Any]
 Operator = Callable[[Single], Single]
 #: vectors kept, after which the method starts again
 _KEPT = 60
+#: part of a vector's length that is left by the projection on those before it, below which it is projected once more
+_CANCELLED = 0.1
 
 
 def solve_by_minimal_residuals(
@@ -56,11 +58,13 @@ def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: flo
     for column in range(kept):
         ways[column] = precondition(basis[column])
         new, old = apply(ways[column]), basis[: column + 1]
-        for _ in range(2):  # once more, for what rounding has left
+        before, height = math.sqrt(dot(new, new)), 0.0
+        while height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
+            before = height or before
             parts = np.einsum("ij,j->i", old, new)
             new = new - np.einsum("i,ij->j", parts, old)
             triangle[: column + 1, column] += parts
-        height = math.sqrt(dot(new, new))
+            height = math.sqrt(dot(new, new))
         line, count = triangle[:, column], column + 1
         for row, (c, s) in enumerate(turns):
             line[row], line[row + 1] = c * line[row] + s * line[row + 1], c * line[row + 1] - s * line[row]
