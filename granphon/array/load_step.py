@@ -54,6 +54,8 @@ _EASE, _MOST_HOLD = 10.0, 1e6
 #: balance: without it nothing would hold balls whose contacts all slide; in a plane, where these are turned by themselves,
 #: and in space
 _SECANT_SHARE, _SECANT_SHARE_IN_SPACE = 0.3, 30.0
+#: largest motion of a ball in a step of Newton's method, half of its rotation included, over the rms overlap
+_FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
 _LOOSE = 1e-2
 
@@ -199,7 +201,18 @@ class LoadStep:
         right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
-        return Motion(found[:size].reshape(trial.balls.shape), float(found[size]) if free else 0.0), taken
+        return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
+
+    def _shorten(self, found: Array, trial: Trial) -> Array:
+        """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""
+        motions, n = self._stencils.motions, self._stencils.n_balls
+        fields = found.reshape(n, motions.count, *self._stencils.shape)
+        limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
+        sizes = np.max(np.abs(fields[:, motions.translating]), axis=1, initial=0.0)
+        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, motions.turning]), axis=1, initial=0.0), out=sizes)
+        if float(np.max(sizes)) > limit:
+            fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
+        return fields.reshape(trial.balls.shape)
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
