@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.geometry import Geometry, Place
+from granphon.array.preconditioners import Preconditioners
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
 from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
@@ -71,6 +72,7 @@ class LoadStep:
     ) -> None:
         self._geometry, self._stencils, self._law = geometry, geometry.stencils, law
         self._here, self._place, self._load, self._drag = here, place, load, drag
+        self._inverses = Preconditioners(self._stencils, 1.0)
         self._slides = 0.0 < law.friction_coefficient < math.inf
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1
 
@@ -185,7 +187,7 @@ class LoadStep:
         share = min(1.0, (_SECANT_SHARE if self._spins else _SECANT_SHARE_IN_SPACE) * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
         stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
-        inverse = stencils.preconditioner(stiffnesses.astype(np.float32))
+        inverse = self._inverses.choose(stiffnesses.astype(np.float32))
         held = np.float32(1.0 / tangent.stiffness.size)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
 
@@ -195,12 +197,13 @@ class LoadStep:
             return np.append(pull, np.float32(push)) if free else np.ravel(pull)
 
         def precondition(vector: Single) -> Single:
-            balls = inverse(vector[:size].reshape(trial.balls.shape))
+            balls = inverse(vector[:size].reshape(trial.balls.shape)).astype(np.float32, copy=False)
             return np.append(balls, held * vector[size]) if free else np.ravel(balls)
 
         right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
+        self._inverses.count(taken)
         return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
 
     def _shorten(self, found: Array, trial: Trial) -> Array:
