@@ -27,7 +27,7 @@ from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place
-from granphon.array.load_step import LoadStep
+from granphon.array.load_step import LoadStep, is_balanced
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial, continue_polynomial, goes_on, weigh_states
 from granphon.array.stencils import Stencils, dot
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
@@ -50,6 +50,8 @@ _CAUTION = 2.0
 _SAME_LOAD = 1e-12
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
+#: number of steps of Newton's method that have led to no balance, after which a load is given up
+_MOST_FAILED = 500
 #: number of steps to one load
 _MOST_STEPS = 500
 
@@ -221,13 +223,17 @@ class LoadingHistory:
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
-        ahead, halvings = [load], 0
+        ahead, halvings, failed = [load], 0, 0
         while ahead:
-            state = self._solve(trail, ahead[-1])
-            if state is not None:
-                trail = [*trail[-2:], state]
+            here = trail[-1]
+            step = LoadStep(self._geometry, self._law, here, self._locate(here), ahead[-1], self.drag)
+            trial = step.solve(*self._extrapolate(trail, ahead[-1]))
+            failed += trial.newton
+            if is_balanced(trial):
+                trail = [*trail[-2:], self._arrive(here, trial)]
+                failed -= trial.newton
                 ahead.pop()
-            elif halvings == _MOST_HALVINGS:
+            elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
                 raise self._explain(load, "its forces are not in balance, however short the steps")
             else:
                 halvings += 1
@@ -266,13 +272,6 @@ class LoadingHistory:
         balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
         return balls, float(y)
-
-    def _solve(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
-        """Return the equilibrium at the end of one step, or None if it is not found."""
-        here = trail[-1]
-        step = LoadStep(self._geometry, self._law, here, self._locate(here), load, self.drag)
-        trial = step.solve(*self._extrapolate(trail, load))
-        return None if trial is None else self._arrive(here, trial)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""

@@ -25,7 +25,7 @@ from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.steps import Prescribed
 
-__all__ = ["LoadStep"]
+__all__ = ["LoadStep", "is_balanced"]
 
 Array = NDArray[np.float64]
 #: fraction by which a given mean force may be missed
@@ -35,7 +35,7 @@ _LOAD_TOLERANCE = 1e-12
 _NEWTON_STEPS, _PATIENCE = 120, 15
 #: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
 #: of the residual that is left before
-_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
+_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 15, 1e-2
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
@@ -52,9 +52,9 @@ _ADDED_STIFFNESS = 1e-2
 #: after a whole one; and the most, where a step is given up
 _EASE, _MOST_HOLD = 10.0, 1e6
 #: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
-#: balance: without it nothing would hold balls whose contacts all slide; in a plane, where these are turned by themselves,
-#: and in space
-_SECANT_SHARE, _SECANT_SHARE_IN_SPACE = 0.3, 30.0
+#: balance: without it nothing would hold balls whose contacts all slide. In space; and in a plane, where these are turned by
+#: themselves, over the distance in units of the friction coefficient
+_SECANT_SHARE_IN_SPACE, _SECANT_SHARE = 30.0, 0.3
 #: largest motion of a ball in a step of Newton's method, half of its rotation included, over the rms overlap
 _FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
@@ -76,15 +76,15 @@ class LoadStep:
         self._slides = 0.0 < law.friction_coefficient < math.inf
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1
 
-    def solve(self, balls: Array, overlap: float) -> Trial | None:
-        """Return the balance found from these motions and overlap, or None if none is.
+    def solve(self, balls: Array, overlap: float) -> Trial:
+        """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
 
         Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
         to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
         which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
         """
         trial = self._iterate(self._try(balls, overlap), _NEWTON_STEPS, _PATIENCE)
-        if not self._is_done(trial) and self._slides:
+        if not is_balanced(trial) and self._slides:
             lagged = trial.follow(self._try(balls, overlap))
             for _ in range(_LAGS):
                 guess = lagged.contacts.overlaps
@@ -92,22 +92,17 @@ class LoadStep:
                 lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess)
                 trial = lagged.follow(self._try(lagged.balls, lagged.overlap))
                 trial = self._iterate(trial, _NEWTON_STEPS, _SHORT_PATIENCE)
-                if self._is_done(trial):
+                if is_balanced(trial):
                     break
                 lagged = trial.follow(lagged)
-        return trial if self._is_done(trial) else None
-
-    @staticmethod
-    def _is_done(trial: Trial) -> bool:
-        """Return whether all balls are in balance, and the load is met."""
-        return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
+        return trial
 
     def _iterate(self, trial: Trial, most: int, patience: int, guess: Array | None = None) -> Trial:
         """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual."""
         before, hold, slow = math.inf, 1.0, False
         aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
         for count in range(most):
-            if self._is_done(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
+            if is_balanced(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * before:
@@ -184,7 +179,8 @@ class LoadStep:
         stencils, distance, free = self._stencils, max(trial.left, trial.missed), self._load.overlap is None
         mean, size, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, trial.balls.size, stencils.mindlin_ratio
         added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
-        share = min(1.0, (_SECANT_SHARE if self._spins else _SECANT_SHARE_IN_SPACE) * distance * hold)
+        secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
+        share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
         stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
         inverse = self._inverses.choose(stiffnesses.astype(np.float32))
@@ -224,7 +220,7 @@ class LoadStep:
         stencils, tangent = self._stencils, trial.tangent
         resisting, carrying = stencils.around(tangent.springs[0]), stencils.around(tangent.stiffness)
         loose = (resisting <= _LOOSE * self._law.mindlin_ratio * carrying) & (carrying > 0.0)
-        if self._is_done(trial) or not np.any(loose):
+        if is_balanced(trial) or not np.any(loose):
             return trial
         at, arms = _find_contacts(stencils, loose)
         before, after = self._here.contacts, trial.contacts
@@ -236,6 +232,11 @@ class LoadStep:
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
         fields[:, 0][stencils.by_ball(loose)] += turn
         return self._try(balls, trial.overlap, guess)
+
+
+def is_balanced(trial: Trial) -> bool:
+    """Return whether all balls are in balance, and the load is met."""
+    return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
 
 
 def _find_contacts(stencils: Stencils, chosen: Array) -> tuple[tuple[Array, ...], Array]:

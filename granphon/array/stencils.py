@@ -84,6 +84,8 @@ class Stencils:
         self._vector = table.vector[:, :p]
         self._rows = [row for kind in self._kinds for row in self._make_rows(kind)]
         self.rooms = Rooms(self.shape, self.shifts)
+        #: Green's function in the precisions that it was needed in
+        self._found: dict[Any, Array] = {}
 
     def _make_rows(self, kind: Row) -> list[ArrayRow]:
         """Return a kind of deformation for each kind of contact, on the fields of the array."""
@@ -104,8 +106,10 @@ class Stencils:
     def observe(self, kinds: Sequence[Row]) -> Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their own."""
         other = copy(self)
+        other._found = {}
         other.forget()
-        vars(other).pop("_ends", None)
+        for name in ("_ends", "_steps"):
+            vars(other).pop(name, None)
         other._kinds = list(kinds)
         other._rows = [row for kind in kinds for row in self._make_rows(kind)]
         return other
@@ -116,7 +120,13 @@ class Stencils:
 
     def forget(self) -> None:
         """Drop Green's function from memory: it is several times as large as the array, and quickly computed again."""
+        self._found.clear()
         vars(self).pop("_green", None)
+
+    @cached_property
+    def _steps(self) -> list[int]:
+        """Distance of ball j from ball i of each kind of deformation, in the flattened room."""
+        return [self.rooms.offset(row.shift) for row in self._rows]
 
     @cached_property
     def _ends(self) -> Array:
@@ -282,7 +292,7 @@ class Stencils:
         self.rooms.wrap(room)
         out, ends = np.zeros_like(room), self._ends.astype(room.dtype)
         flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
-        steps, n = [self.rooms.offset(row.shift) for row in self._rows], self.n_rows
+        steps, n = self._steps, self.n_rows
         least, most = min(0, *steps), max(0, *steps)
         for first, end in self.rooms.spans(_CACHED // 4):
             low, size = first + least, end - first
@@ -359,8 +369,10 @@ class Stencils:
         real = self.n_balls == 1
         precision = np.result_type(stiffness.dtype, 1.0 if real else 1j)
         turning = self.motions.turning if real else slice(0, 0)
-        green = (np.array(self._green) / mean).astype(precision)
-        green = np.repeat(green, 2, axis=-1) if real else green
+        if precision not in self._found:
+            green = np.array(self._green).astype(precision)
+            self._found[precision] = np.repeat(green, 2, axis=-1) if real else green
+        green, over = self._found[precision], precision.type(1.0 / mean)
         axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: Array) -> Array:
@@ -371,7 +383,7 @@ class Stencils:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
                 plain = parts.view(precision)
-                plain[...] = np.einsum("ab...,b...->a...", green[:, :, rows], plain)
+                np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
                 parts[turning] *= 1j
             # transform one axis after the other: all at once would allocate another array of waves
             for axis in axes[:-1]:
