@@ -11,12 +11,13 @@ where C_n and C_s are the rows of C for elongations and slips. Newton's method (
 from the polynomial in the load through the last states, three at most. A step that fails is taken in two halves.
 
 The work of the load is the integral of f* dy for each contact; in the limit of short steps it is what the contacts store and
-lose.
+lose. Between two states f* is taken from the parabola through them and the one before.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -28,7 +29,15 @@ from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place
 from granphon.array.load_step import LoadStep, is_balanced
-from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial, continue_polynomial, goes_on, weigh_states
+from granphon.array.pressing import (
+    BALANCE_TOLERANCE,
+    PressedArray,
+    Trial,
+    continue_polynomial,
+    goes_on,
+    integrate_last,
+    weigh_states,
+)  # fmt: skip
 from granphon.array.stencils import Stencils, dot
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.base.errors import ConvergenceError, InputError, message
@@ -51,7 +60,7 @@ _SAME_LOAD = 1e-12
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
 #: number of steps of Newton's method that have led to no balance, after which a load is given up
-_MOST_FAILED = 500
+_MOST_FAILED = 200
 #: number of steps to one load
 _MOST_STEPS = 500
 
@@ -99,7 +108,7 @@ class LoadingHistory:
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
         self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
-        self._located: tuple[Array, Place] | None = None
+        self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
 
     # -- the path ---------------------------------------------------------------------------------------------------
 
@@ -230,7 +239,7 @@ class LoadingHistory:
             trial = step.solve(*self._extrapolate(trail, ahead[-1]))
             failed += trial.newton
             if is_balanced(trial):
-                trail = [*trail[-2:], self._arrive(here, trial)]
+                trail = [*trail[-2:], self._arrive(trail, trial)]
                 failed -= trial.newton
                 ahead.pop()
             elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
@@ -251,10 +260,13 @@ class LoadingHistory:
     # -- one step ---------------------------------------------------------------------------------------------------
 
     def _locate(self, here: PressedArray) -> Place:
-        """Return the configuration of a state; that asked for last is kept."""
-        if self._located is None or self._located[0] is not here.balls:
-            self._located = here.balls, self._geometry.place(here.balls, here.overlap)
-        return self._located[1]
+        """Return the configuration of a state; those of the last three are kept."""
+        for balls, place in self._located:
+            if balls is here.balls:
+                return place
+        place = self._geometry.place(here.balls, here.overlap)
+        self._located.append((here.balls, place))
+        return place
 
     @staticmethod
     def _measure(state: PressedArray, load: Prescribed) -> float:
@@ -273,15 +285,15 @@ class LoadingHistory:
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
         return balls, float(y)
 
-    def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
+    def _arrive(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
+        here = trail[-1]
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
             here.loosened + loosened, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
-        before, after = self._locate(here), trial.place
-        press = before.press(here.contacts.forces, here.contacts.shears)
-        press += after.press(state.contacts.forces, state.contacts.shears)
-        work = 0.5 * press * (state.overlap - here.overlap)
-        return replace(state, work=here.work + work)
+        self._located.append((trial.balls, trial.place))
+        states = [*trail[-2:], state]
+        presses = [self._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
+        return replace(state, work=here.work + integrate_last([one.overlap for one in states], presses))

@@ -36,6 +36,8 @@ _NEWTON_STEPS, _PATIENCE = 120, 15
 #: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
 #: of the residual that is left before
 _SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 15, 1e-2
+#: number of steps of Newton's method after which no new limits are found
+_MOST_STEPS = 200
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
@@ -55,6 +57,8 @@ _EASE, _MOST_HOLD = 10.0, 1e6
 #: balance: without it nothing would hold balls whose contacts all slide. In space; and in a plane, where these are turned by
 #: themselves, over the distance in units of the friction coefficient
 _SECANT_SHARE_IN_SPACE, _SECANT_SHARE = 30.0, 0.3
+#: mean force, over that before the step, below which the array has fallen apart
+_FALLEN = 1e-6
 #: largest motion of a ball in a step of Newton's method, half of its rotation included, over the rms overlap
 _FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
@@ -87,6 +91,8 @@ class LoadStep:
         if not is_balanced(trial) and self._slides:
             lagged = trial.follow(self._try(balls, overlap))
             for _ in range(_LAGS):
+                if lagged.left == math.inf or lagged.newton > _MOST_STEPS:
+                    break
                 guess = lagged.contacts.overlaps
                 lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
                 lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess)
@@ -168,7 +174,8 @@ class LoadStep:
             float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))),
             float(np.max(np.sum(turning**2, axis=1))) if turning.size else 0.0,
         )
-        scale = max(force, self._drag) or math.inf
+        scale = max(force, self._drag)
+        scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
         left = math.sqrt(square) / scale if scale < math.inf else math.inf
