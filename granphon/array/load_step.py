@@ -78,7 +78,8 @@ class LoadStep:
         self._here, self._place, self._load, self._drag = here, place, load, drag
         self._inverses = Preconditioners(self._stencils, 1.0)
         self._slides = 0.0 < law.friction_coefficient < math.inf
-        self._spins = self._slides and len(self._stencils.motions.rotations) == 1
+        # dashpots hold balls whose contacts all slide
+        self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
     def solve(self, balls: Array, overlap: float) -> Trial:
         """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
