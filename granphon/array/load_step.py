@@ -35,11 +35,14 @@ _LOAD_TOLERANCE = 1e-12
 _NEWTON_STEPS, _PATIENCE = 120, 15
 #: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
 #: of the residual that is left before
-_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 15, 1e-2
+_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
 #: number of steps of Newton's method after which no new limits are found
-_MOST_STEPS = 200
+_MOST_STEPS = 600
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
+#: number of iterations of a step of Newton's method that Green's function may take, and the number beyond, of all steps
+#: together, at which the matrix is factorised
+_FEW, _WASTE = 30, 250
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
 #: distance from balance
 _LOOSEST, _FORCING = 0.1, 1.0
@@ -76,7 +79,7 @@ class LoadStep:
     ) -> None:
         self._geometry, self._stencils, self._law = geometry, geometry.stencils, law
         self._here, self._place, self._load, self._drag = here, place, load, drag
-        self._inverses = Preconditioners(self._stencils, 1.0)
+        self._inverses, self._factorised, self._wasted = Preconditioners(self._stencils, 1.0), False, 0
         self._slides = 0.0 < law.friction_coefficient < math.inf
         # dashpots hold balls whose contacts all slide
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
@@ -191,7 +194,9 @@ class LoadStep:
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
         stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
-        inverse = self._inverses.choose(stiffnesses.astype(np.float32))
+        single, hard = stiffnesses.astype(np.float32), self._wasted >= _WASTE
+        self._factorised |= hard  # factors then serve for the rest of the step
+        inverse = self._inverses.choose(single, hard) if self._factorised else stencils.preconditioner(single)
         held = np.float32(1.0 / tangent.stiffness.size)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
 
@@ -207,7 +212,9 @@ class LoadStep:
         right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
-        self._inverses.count(taken)
+        self._wasted = 0 if hard else self._wasted + max(0, taken - _FEW)
+        if self._factorised:
+            self._inverses.count(taken)
         return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
 
     def _shorten(self, found: Array, trial: Trial) -> Array:
