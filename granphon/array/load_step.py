@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,18 +235,18 @@ class LoadStep:
             return trial
         stencils, tangent = self._stencils, trial.tangent
         resisting, carrying = stencils.around(tangent.springs[0]), stencils.around(tangent.stiffness)
-        loose = (resisting <= _LOOSE * self._law.mindlin_ratio * carrying) & (carrying > 0.0)
+        loose: NDArray[np.bool_] = (resisting <= _LOOSE * self._law.mindlin_ratio * carrying) & (carrying > 0.0)
         if is_balanced(trial) or not np.any(loose):
             return trial
         at, arms = _find_contacts(stencils, loose)
         before, after = self._here.contacts, trial.contacts
-        ends = Contacts(before.overlaps[at], before.slips[:, *at], before.shears[:, *at])
+        ends = Contacts(before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None])
         held = after.overlaps if guess is None else guess
-        bent, springs, limits = self._law.bend(ends, held[at], after.slips[:, *at])
+        bent, springs, limits = self._law.bend(ends, held[at], after.slips[0][at][None])
         turn = _unwind(bent[0], springs * arms, limits, arms)
         balls = trial.balls.copy()
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
-        fields[:, 0][stencils.by_ball(loose)] += turn
+        fields[:, 0][loose.reshape(stencils.n_balls, *stencils.shape)] += turn
         return self._try(balls, trial.overlap, guess)
 
 
@@ -254,14 +255,15 @@ def is_balanced(trial: Trial) -> bool:
     return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
 
 
-def _find_contacts(stencils: Stencils, chosen: Array) -> tuple[tuple[Array, ...], Array]:
+def _find_contacts(stencils: Stencils, chosen: NDArray[np.bool_]) -> tuple[tuple[Any, ...], Array]:
     """Return the indices (contacts, balls) of the contacts around chosen balls of a plane, and their slips as these turn.
 
     ``chosen`` has :attr:`Stencils.ball_shape`.
     """
     count, (turning,) = stencils.motions.count, range(stencils.motions.count)[stencils.motions.turning]
-    ball, *cell = np.nonzero(stencils.by_ball(chosen))
-    places, arms = [], []
+    ball, *cell = np.nonzero(chosen.reshape(stencils.n_balls, *stencils.shape))
+    places: list[Any] = []
+    arms: list[Array] = []
     for row, shift, (i, j) in zip(stencils.rows[stencils.n_contacts :], stencils.shifts, stencils.ends, strict=True):
         kind = len(places) // 2
         for one, steps, ends, sign in ((j, shift, row.head, 1.0), (i, (0,) * len(shift), row.tail, -1.0)):
