@@ -22,6 +22,8 @@ Single = NDArray[Any]
 Operator = Callable[[Single], Single]
 #: vectors kept, after which the method starts again
 _KEPT = 60
+#: number of elements of a vector that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**14
 #: part of a vector's length that is left by the projection on those before it, below which it is projected once more
 _CANCELLED = 0.1
 
@@ -53,6 +55,7 @@ def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: flo
     basis, ways = np.empty((2, kept + 1, rest.size), np.float32)
     triangle, turned = np.zeros((kept + 1, kept)), np.zeros(kept + 1)
     turns: list[tuple[float, float]] = []
+    blocks = [slice(low, low + _CACHED) for low in range(0, rest.size, _CACHED)]
     basis[0], turned[0] = rest / np.float32(first), first
     count = 0
     for column in range(kept):
@@ -61,8 +64,9 @@ def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: flo
         before, height = math.sqrt(dot(new, new)), 0.0
         while height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
             before = height or before
-            parts = np.einsum("ij,j->i", old, new)
-            new = new - np.einsum("i,ij->j", parts, old)
+            parts = np.sum([np.einsum("ij,j->i", old[:, some], new[some]) for some in blocks], axis=0)
+            for some in blocks:
+                new[some] -= np.einsum("i,ij->j", parts, old[:, some])
             triangle[: column + 1, column] += parts
             height = math.sqrt(dot(new, new))
         line, count = triangle[:, column], column + 1

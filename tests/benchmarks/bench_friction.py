@@ -3,9 +3,9 @@
     python tests/benchmarks/bench_friction.py [--json FILE] [--repeats N] [--only PART ...]
 
 There are two units. One is an equilibrium without friction of the same balls at a* = 1, found a second time: the first call
-also imports what it needs. Equilibria at lower loads cost more, so the other is the mean of equilibria without friction at the
-loads of the path, each found anew. The path starts at rest without friction at a* = 1/2, which is part of its cost, and its steps are refined as
-by default. The exit code is 1 if a bound is missed.
+also imports what it needs. Equilibria at lower loads cost more, so the other is the mean of equilibria without friction at
+the loads of the path, each found anew. The path starts at rest without friction at a* = 1/2, which is part of its cost, and
+its steps are refined as by default. The exit code is 1 if a bound is missed.
 """
 
 from __future__ import annotations
