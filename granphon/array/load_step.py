@@ -195,7 +195,8 @@ class LoadStep:
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
         stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
-        single, hard = stiffnesses.astype(np.float32), self._wasted >= _WASTE
+        single: Single = stiffnesses.astype(np.float32)
+        hard = self._wasted >= _WASTE
         self._factorised |= hard  # factors then serve for the rest of the step
         inverse = self._inverses.choose(single, hard) if self._factorised else stencils.preconditioner(single)
         held = np.float32(1.0 / tangent.stiffness.size)
