@@ -634,7 +634,7 @@ def test_steps_of_a_path_are_those_of_loops_over_positions():
 
 
 @pytest.mark.parametrize("mu", [0.2, pytest.param(math.inf, marks=pytest.mark.exhaustive)])
-def test_work_of_the_load_is_stored_or_lost_to_second_order(mu):
+def test_work_of_the_load_is_stored_or_lost_to_third_order(mu):
     left = []
     for steps in (3, 6):
         paths = history((5, 5), mu, 0.05, start=at_rest((5, 5), 1, 0.0, 0.05))
@@ -642,7 +642,7 @@ def test_work_of_the_load_is_stored_or_lost_to_second_order(mu):
         *_, last = paths.path(ramp(0.0, 0.5, steps=steps))
         left.append(last.work - last.dissipated - (last.stored - begun.stored))
         assert last.dissipated > 0.0
-    assert left[0] / left[1] == pytest.approx(4.0, rel=0.15)
+    assert left[0] / left[1] == pytest.approx(8.0, rel=0.2)
 
 
 @pytest.mark.parametrize("mu", [0.2, math.inf])
@@ -670,4 +670,4 @@ def test_an_array_in_space_keeps_its_energy():
         *_, last = paths.path(ramp(0.1, 0.5, steps=steps))
         assert last.residual <= 1e-9
         left.append(last.work - last.dissipated - (last.stored - begun.stored))
-    assert left[0] / left[1] == pytest.approx(4.0, rel=0.3)
+    assert left[0] / left[1] == pytest.approx(8.0, rel=0.3)

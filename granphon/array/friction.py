@@ -53,15 +53,20 @@ class Contacts:
     slips: Array
     shears: Array
 
-    @property
+    @cached_property
     def closed(self) -> Array:
         """(n_c, L1, ..., Lp) overlaps, zero where balls are apart."""
         return np.maximum(self.overlaps, 0.0)
 
-    @property
+    @cached_property
+    def roots(self) -> Array:
+        """(n_c, L1, ..., Lp) square roots of the overlaps, zero where balls are apart."""
+        return np.sqrt(self.closed)
+
+    @cached_property
     def forces(self) -> Array:
         """(n_c, L1, ..., Lp) normal forces."""
-        return np.asarray(self.closed * np.sqrt(self.closed))
+        return np.asarray(self.closed * self.roots)
 
     @property
     def tangential(self) -> Array:
@@ -145,18 +150,18 @@ class FrictionLaw:
         forces are then derivatives of a convex energy, and the tangent is symmetric.
         """
         eta, mu = self.mindlin_ratio, self.friction_coefficient
-        old, root = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
+        old, root = before.roots, np.sqrt(np.maximum(overlaps, 0.0))
         held = overlaps if guess is None else guess
         new = root if guess is None else np.sqrt(np.maximum(guess, 0.0))
         mean, slope = _mean_stiffness(before.overlaps, held, old, new)
-        moved, falls = slips - before.slips, (new < old) & (new > 0.0)
-        part = np.divide(new, old, out=np.ones_like(new), where=new < old)
-        shears = part * before.shears + eta * mean * moved
+        moved, inverse = slips - before.slips, 1.0 / np.maximum(old, _TINY)
         stiffness, shear = 1.5 * root, eta * mean
+        shears = np.where(new < old, new * inverse, 1.0) * before.shears + shear * moved
         coupling = np.zeros_like(shears)
         if guess is None:
+            falls = (new < old) & (new > 0.0)
             coupling = eta * slope * moved
-            coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
+            coupling += 0.5 * falls * inverse / np.maximum(new, _TINY) * before.shears
         sliding = np.zeros_like(shears)
         if mu < math.inf:
             size, limit = _norm(shears), mu * new**3
@@ -185,6 +190,13 @@ class FrictionLaw:
     def sliding_fraction(self, contacts: Contacts) -> float:
         """Return the part of the contacts that carry load whose tangential force is at Coulomb's limit."""
         return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))
+
+    def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
+        """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
+        old, new = before.roots, np.sqrt(np.maximum(overlaps, 0.0))
+        part = np.divide(new, old, out=np.ones_like(new), where=new < old)
+        springs = self.mindlin_ratio * _mean_stiffness(before.overlaps, overlaps, old, new)[0]
+        return part * before.shears + springs * (slips - before.slips), springs, self.friction_coefficient * new**3
 
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
@@ -219,13 +231,15 @@ def _mean_stiffness(h0: Array, h1: Array, a0: Array, a1: Array) -> tuple[Array, 
     ``a0`` and ``a1`` are the roots of h0_+ and h1_+. Where h falls it is k at the end.
     """
     rises, total = a1 > a0, np.maximum(a0 + a1, _TINY)
-    mean = np.where(rises, total - a0 * a1 / total, 1.5 * a1)
-    slope = np.where(rises, 0.5 * (1.0 + a0 / total) / total, np.divide(0.75, a1, out=np.zeros_like(a1), where=a1 > 0.0))
+    part = a0 / total
+    mean = np.where(rises, total - part * a1, 1.5 * a1)
+    slope = np.where(rises, 0.5 * (1.0 + part) / total, 0.75 / np.maximum(a1, _TINY) * (a1 > 0.0))
     # a contact that closes in the step: only the part of the step after it has closed counts
-    opens = np.nonzero(rises & (a0 == 0.0))
-    width, root = h1[opens] - h0[opens], a1[opens]
-    part = root**3 / width
-    mean[opens], slope[opens] = part, (1.5 * root - part) / width
+    opens = np.nonzero((a0 == 0.0) & rises)
+    if len(opens[0]):
+        width, root = h1[opens] - h0[opens], a1[opens]
+        closed = root**3 / width
+        mean[opens], slope[opens] = closed, (1.5 * root - closed) / width
     return mean, slope
 
 

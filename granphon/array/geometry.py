@@ -14,13 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.friction import Tangent
+from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
 
-__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place"]
+__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product"]
 
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
 Law = Callable[[Array, Array], tuple[Array, Array]]
+#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y
+Product = Callable[[Single, float], tuple[Single, float]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
 
@@ -61,6 +65,9 @@ class Place(Protocol):
         their contacts.
         """
 
+    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
+        """Return what :meth:`respond` does, with the ``tangent`` of the law of friction, for motions in single precision."""
+
 
 class Geometry(Protocol):
     """Geometry of an array of balls; ``ratio`` is eps = W/d, zero in the limit of small spread."""
@@ -78,14 +85,13 @@ class Geometry(Protocol):
         """Return the overlaps and slips of contacts at the beginning of a history."""
 
     def solve(
-        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool,
-        turned: bool = False,
-    ) -> tuple[Motion, int]:  # fmt: skip
+        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool
+    ) -> tuple[Motion, int]:
         """Solve for a small motion that takes forces on balls away, without friction.
 
         The error falls by ``reduction``. ``forces`` act here, and turn with their contacts. If ``free`` is true, the
-        compression is an unknown too. Returns the motion and the number of iterations. If ``turned`` is true, the stiffness
-        by which forces push balls aside has the other sign, so that there is always a solution.
+        compression is an unknown too. Returns the motion and the number of iterations. The stiffness by which forces push
+        balls aside is taken with the other sign, so that there is always a solution.
         """
 
 
@@ -112,7 +118,7 @@ class LatticeGeometry:
 
     def solve(
         self, place: LatticePlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, turned: bool = False,
+        free: bool,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve C^T K C u = ``right``; see :class:`Geometry`."""
         return solve_by_conjugate_gradients(self.stencils, stiffness, right, inverse, reduction, free)
@@ -148,6 +154,40 @@ class LatticePlace:
         rows, n = self._stencils.deformations(motion), self._stencils.n_contacts
         normal, shear = law(rows[:n], rows[n:].reshape(self._slips.shape))
         return self._stencils.forces(self._stack(normal, shear)), -float(np.sum(normal))
+
+    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
+        """Return the changes of forces by motions in single precision, times -1; nothing turns."""
+        stencils, n = self._stencils, self._stencils.n_contacts
+
+        def flatten(part: Array) -> Single:
+            rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
+            return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
+
+        stiffness = flatten(tangent.stiffness[None])[0]
+        springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
+        push = 0.0
+
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            nonlocal push
+            push = 0.0
+
+            def tension(part: slice, rows: Single) -> Single:
+                nonlocal push
+                if press:
+                    rows[:n] -= np.float32(press)
+                loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
+                change = springs[..., part] * slips
+                change -= coupling[..., part] * loss
+                if len(cross):
+                    change -= cross[..., part] * slips[::-1]
+                slips[...] = change
+                loss *= stiffness[:, part]
+                push -= float(np.sum(loss))
+                return rows
+
+            return stencils.couple(balls, tension), push
+
+        return product
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self._stencils.shape)])

@@ -7,31 +7,38 @@ ball are in balance,
 
     C_n^T f = C_s^T T
 
-where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this, from the linear extrapolation of
-the two states before. Its linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts
-slide, or where the shear stiffness changes with the overlap; GMRES solves them, preconditioned by Green's function of the
-lattice. A step that fails is taken in two halves.
+where C_n and C_s are the rows of C for elongations and slips. Newton's method (:mod:`granphon.array.load_step`) solves this,
+from the polynomial in the load through the last states, three at most. A step that fails is taken in two halves.
 
 The work of the load is the integral of f* dy for each contact; in the limit of short steps it is what the contacts store and
-lose.
+lose. Between two states f* is taken from the parabola through them and the one before.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
-from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place
-from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial, continue_polynomial, goes_on, weigh_states
-from granphon.array.residuals import Single, solve_by_minimal_residuals
-from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.load_step import LoadStep, is_balanced
+from granphon.array.pressing import (
+    BALANCE_TOLERANCE,
+    PressedArray,
+    Trial,
+    continue_polynomial,
+    goes_on,
+    integrate_last,
+    weigh_states,
+)  # fmt: skip
+from granphon.array.stencils import Stencils, dot
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -48,33 +55,14 @@ _NOISE = 10.0
 _LEAST_SHARE = 1.0 / 16.0
 #: factor by which the estimate of what halving a step changes is multiplied
 _CAUTION = 2.0
-#: fraction by which a given mean force may be missed
-_LOAD_TOLERANCE = 1e-12
-#: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
-#: fall by half for it to go on
-_NEWTON_STEPS, _PATIENCE = 120, 15
-#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
-#: of the residual that is left before
-_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
+#: fraction of the load by which it may be missed where the array counts as standing there
+_SAME_LOAD = 1e-12
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
+#: number of steps of Newton's method that have led to no balance, after which a load is given up
+_MOST_FAILED = 600
 #: number of steps to one load
 _MOST_STEPS = 500
-#: largest number of iterations of a step of Newton's method
-_MOST_ITERATIONS = 300
-#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
-#: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
-_LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
-#: number of times that a step of Newton's method is halved
-_LENGTHS = 6
-#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
-_ADDED_STIFFNESS = 1e-2
-#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered
-#: after a whole one; and the most, where a step is given up
-_EASE, _MOST_HOLD = 10.0, 1e6
-#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
-#: balance: without it nothing would hold a ball all of whose contacts slide
-_SECANT_SHARE = 30.0
 
 
 @dataclass
@@ -120,8 +108,7 @@ class LoadingHistory:
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
         self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
-        self._means = self.stencils.average_pairs(self.deviations)
-        self._located: tuple[Array, Place] | None = None
+        self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
 
     # -- the path ---------------------------------------------------------------------------------------------------
 
@@ -170,7 +157,7 @@ class LoadingHistory:
         trail = [self.begin()]
         for load in loads:
             here, aim = self._measure(trail[-1], load), self._aim(load)
-            if abs(aim - here) <= _LOAD_TOLERANCE * (here if load.overlap is None else 1.0):  # the array stands there
+            if abs(aim - here) <= _SAME_LOAD * (here if load.overlap is None else 1.0):  # the array stands there
                 yield trail[-1]
                 continue
             try:
@@ -228,7 +215,7 @@ class LoadingHistory:
             rise = (after.slips - before.slips) * (again.shears - after.shears)
             # single contacts that begin to slide or open are not foreseen well: their number is uncertain by its root
             share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
-            change += _CAUTION * share / self._means.size / abs(three[last].overlap - three[last - 1].overlap)
+            change += _CAUTION * share / after.overlaps.size / abs(three[last].overlap - three[last - 1].overlap)
         return change
 
     @staticmethod
@@ -245,13 +232,17 @@ class LoadingHistory:
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
-        ahead, halvings = [load], 0
+        ahead, halvings, failed = [load], 0, 0
         while ahead:
-            state = self._solve(trail, ahead[-1])
-            if state is not None:
-                trail = [*trail[-2:], state]
+            here = trail[-1]
+            step = LoadStep(self._geometry, self._law, here, self._locate(here), ahead[-1], self.drag)
+            trial = step.solve(*self._extrapolate(trail, ahead[-1]))
+            failed += trial.newton
+            if is_balanced(trial):
+                trail = [*trail[-2:], self._arrive(trail, trial)]
+                failed -= trial.newton
                 ahead.pop()
-            elif halvings == _MOST_HALVINGS:
+            elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
                 raise self._explain(load, "its forces are not in balance, however short the steps")
             else:
                 halvings += 1
@@ -269,13 +260,13 @@ class LoadingHistory:
     # -- one step ---------------------------------------------------------------------------------------------------
 
     def _locate(self, here: PressedArray) -> Place:
-        """Return the configuration of a state; that asked for last is kept."""
-        if self._located is None or self._located[0] is not here.balls:
-            self._located = here.balls, self._geometry.place(here.balls, here.overlap)
-        return self._located[1]
-
-    def _stack(self, normal: Array, slips: Array) -> Array:
-        return np.concatenate([normal, slips.reshape(-1, *self.stencils.shape)])
+        """Return the configuration of a state; those of the last three are kept."""
+        for balls, place in self._located:
+            if balls is here.balls:
+                return place
+        place = self._geometry.place(here.balls, here.overlap)
+        self._located.append((here.balls, place))
+        return place
 
     @staticmethod
     def _measure(state: PressedArray, load: Prescribed) -> float:
@@ -294,194 +285,15 @@ class LoadingHistory:
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
         return balls, float(y)
 
-    def _solve(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
-        """Return the equilibrium at the end of one step, or None if it is not found.
-
-        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
-        to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
-        which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
-        """
-        here, (balls, y) = trail[-1], self._extrapolate(trail, load)
-        trial = self._iterate(here, self._try(here, balls, y, load), load, _NEWTON_STEPS, _PATIENCE)
-        if not self._is_done(trial) and 0.0 < self.friction_coefficient < math.inf:
-            lagged = replace(self._try(here, balls, y, load), newton=trial.newton, krylov=trial.krylov)
-            for _ in range(_LAGS):
-                guess = lagged.contacts.overlaps
-                lagged = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load, guess))
-                lagged = self._iterate(here, lagged, load, _PATIENCE, _PATIENCE, guess)
-                trial = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load))
-                trial = self._iterate(here, trial, load, _NEWTON_STEPS, _SHORT_PATIENCE)
-                if self._is_done(trial):
-                    break
-                lagged = replace(lagged, newton=trial.newton, krylov=trial.krylov)
-        return self._arrive(here, trial) if self._is_done(trial) else None
-
-    @staticmethod
-    def _is_done(trial: Trial) -> bool:
-        """Return whether all balls are in balance, and the load is met."""
-        return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
-
-    def _iterate(
-        self, here: PressedArray, trial: Trial, load: Prescribed, most: int, patience: int, guess: Array | None = None
-    ) -> Trial:
-        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual."""
-        before, hold, slow = math.inf, 1.0, False
-        aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
-        for count in range(most):
-            if self._is_done(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
-                break
-            if count % patience == 0:
-                if trial.size > 0.5 * before:
-                    break
-                before = trial.size
-            way, taken = self._direct(trial, hold, load.overlap is None)
-            new, length = self._search(here, trial, way, load, guess, slow)
-            slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
-            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
-            if not math.isfinite(trial.size) or hold > _MOST_HOLD:
-                break
-            hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
-        return trial
-
-    def _search(
-        self, here: PressedArray, trial: Trial, way: Motion, load: Prescribed, guess: Array | None, slow: bool
-    ) -> tuple[Trial, float]:
-        """Return the state after a step of Newton's method, and the length of the step: halved until less is left.
-
-        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer one is tried too.
-        """
-
-        def go(length: float) -> Trial:
-            motion, overlap = trial.balls + length * way.balls, trial.overlap + length * way.compression
-            return self._try(here, motion, overlap, load, guess)
-
-        def slope(state: Trial) -> float:
-            return dot(state.pull, way.balls) + state.push * way.compression
-
-        first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
-        new = best[0]
-        for _ in range(_LENGTHS - 1):
-            if new.size < (1.0 - 0.1 * length) * trial.size or (guess is not None and slope(new) > -0.5 * first):
-                best = (new, length) if guess is not None else best
-                break
-            length *= 0.5
-            new = go(length)
-            if new.size < best[0].size:
-                best = new, length
-        if slow and best[1] == 1.0 and best[0].size > _LEFT_BY_LOOSE * trial.size:
-            new = go(_LONGER)
-            best = (new, 1.0) if new.size < best[0].size else best
-        return best
-
-    def _resist(self, here: PressedArray, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
-        """Return the normal forces and the tangential ones, with those of dashpots if there are any."""
-        if not self.drag:
-            return contacts.forces, contacts.shears
-        normal = contacts.overlaps - here.contacts.overlaps - (overlap - here.overlap)
-        slips = contacts.slips - here.contacts.slips
-        return contacts.forces + self.drag * normal, contacts.shears + self.stencils.mindlin_ratio * self.drag * slips
-
-    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, guess: Array | None = None) -> Trial:
-        place = self._geometry.place(balls, overlap)
-        slips = place.slips(self._locate(here), here.contacts.slips)
-        contacts, tangent = self._law.advance(here.contacts, place.overlaps, slips, guess)
-        forces = contacts.forces
-        force = float(np.mean(forces))
-        pull = place.pull(*self._resist(here, contacts, overlap))
-        push = forces.size * (load.force - force) if load.overlap is None else 0.0
-        fields = pull.reshape(self.stencils.n_balls, self.stencils.motions.count, *self.stencils.shape)
-        turning = fields[:, self.stencils.motions.turning]
-        square = max(
-            float(np.max(np.sum(self.stencils.cartesian(pull) ** 2, axis=0))),
-            float(np.max(np.sum(turning**2, axis=1))) if turning.size else 0.0,
-        )
-        scale = max(force, self.drag) or math.inf
-        size = math.sqrt(dot(pull, pull) + push * push / forces.size)
-        missed = abs(push) / (forces.size * scale)
-        left = math.sqrt(square) / scale if scale < math.inf else math.inf
-        return Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
-
-    def _direct(self, trial: Trial, hold: float, free: bool) -> tuple[Motion, int]:
-        """Return the step of Newton's method, and the number of iterations that it took."""
-        stencils, distance = self.stencils, max(trial.left, trial.missed)
-        mean, size = float(np.mean(trial.tangent.stiffness)) + self.drag, trial.balls.size
-        added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
-        share = min(1.0, _SECANT_SHARE * distance * hold)
-        tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share)
-        tangent = tangent.damp(self.drag, stencils.mindlin_ratio * self.drag).scale(1.0 / mean)
-        inverse = stencils.preconditioner(self._stack(tangent.stiffness, tangent.springs).astype(np.float32))
-        held, turns = np.float32(1.0 / tangent.stiffness.size), self._geometry.ratio > 0.0
-        product = self._linearise_in_truth(trial, tangent, mean) if turns else self._linearise(tangent)
-
-        def apply(vector: Single) -> Single:
-            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
-            pull, push = product(balls, press)
-            return np.append(pull, np.float32(push)) if free else np.ravel(pull)
-
-        def precondition(vector: Single) -> Single:
-            balls = inverse(vector[:size].reshape(trial.balls.shape))
-            return np.append(balls, held * vector[size]) if free else np.ravel(balls)
-
-        right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
-        reduction = min(0.1, max(math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
-        found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
-        return Motion(found[:size].reshape(trial.balls.shape), float(found[size]) if free else 0.0), taken
-
-    def _linearise_in_truth(
-        self, trial: Trial, tangent: Tangent, scale: float
-    ) -> Callable[[Single, float], tuple[Single, float]]:
-        """Return what :meth:`_linearise` does, with forces that turn with contacts; the tangent is over a ``scale``."""
-        forces, shears = trial.contacts.forces / scale, trial.contacts.shears / scale
-
-        def product(balls: Single, press: float) -> tuple[Single, float]:
-            pull, push = trial.place.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
-            return pull.astype(np.float32), push
-
-        return product
-
-    def _linearise(self, tangent: Tangent) -> Callable[[Single, float], tuple[Single, float]]:
-        """Return the linear equations of a step: (pull, push) that a motion of balls and a change of y take away."""
-        stencils, n = self.stencils, self.stencils.n_contacts
-
-        def flatten(part: Array) -> Single:
-            rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
-            return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
-
-        stiffness = flatten(tangent.stiffness[None])[0]
-        springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
-        push = 0.0
-
-        def product(balls: Single, press: float) -> tuple[Single, float]:
-            nonlocal push
-            push = 0.0
-
-            def tension(part: slice, rows: Single) -> Single:
-                nonlocal push
-                if press:
-                    rows[:n] -= np.float32(press)
-                loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
-                change = springs[..., part] * slips
-                change -= coupling[..., part] * loss
-                if len(cross):
-                    change -= cross[..., part] * slips[::-1]
-                slips[...] = change
-                loss *= stiffness[:, part]
-                push -= float(np.sum(loss))
-                return rows
-
-            return stencils.couple(balls, tension), push
-
-        return product
-
-    def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
+    def _arrive(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
+        here = trail[-1]
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
             here.loosened + loosened, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
-        before, after = self._locate(here), trial.place
-        press = before.press(here.contacts.forces, here.contacts.shears)
-        press += after.press(state.contacts.forces, state.contacts.shears)
-        work = 0.5 * press * (state.overlap - here.overlap)
-        return replace(state, work=here.work + work)
+        self._located.append((trial.balls, trial.place))
+        states = [*trail[-2:], state]
+        presses = [self._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
+        return replace(state, work=here.work + integrate_last([one.overlap for one in states], presses))

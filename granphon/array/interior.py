@@ -104,7 +104,6 @@ def approach(
         motion, count = geometry.solve(
             place, stiffness, f, Motion(place.pull(tension, none), push), inverses.choose(geometry.weigh(stiffness, f)),
             max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR)) if factor < 1.0 else _LEAST_ERROR, force is not None,
-            turned=True,
         )  # fmt: skip
         inverses.count(count)
         change -= place.losses(motion)

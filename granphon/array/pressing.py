@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import Place
 
-__all__ = ["BALANCE_TOLERANCE", "PressedArray", "Trial", "continue_polynomial", "goes_on", "weigh_states"]
+__all__ = ["BALANCE_TOLERANCE", "PressedArray", "Trial", "continue_polynomial", "goes_on", "integrate_last", "weigh_states"]
 
 Array = NDArray[np.float64]
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
@@ -123,3 +123,16 @@ def weigh_states(loads: Sequence[float], load: float) -> list[float]:
         others = [other for other in loads if other != one]
         weights.append(float(np.prod([(load - other) / (one - other) for other in others])))
     return weights
+
+
+def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
+    """Return the integral of a function between the last two of two or three ``loads``, of which ``values`` are known.
+
+    It is that of the parabola through three values; after a turn of the path, that of the straight line through two.
+    """
+    *_, (start, first), (end, last) = zip(loads, values, strict=True)
+    straight = 0.5 * (first + last) * (end - start)
+    if not goes_on(loads):
+        return straight
+    bend = ((last - first) / (end - start) - (first - values[0]) / (start - loads[0])) / (end - loads[0])
+    return straight - bend * (end - start) ** 3 / 6.0

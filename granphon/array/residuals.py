@@ -22,6 +22,10 @@ Single = NDArray[Any]
 Operator = Callable[[Single], Single]
 #: vectors kept, after which the method starts again
 _KEPT = 60
+#: number of elements of a vector that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**14
+#: part of a vector's length that is left by the projection on those before it, below which it is projected once more
+_CANCELLED = 0.1
 
 
 def solve_by_minimal_residuals(
@@ -51,16 +55,20 @@ def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: flo
     basis, ways = np.empty((2, kept + 1, rest.size), np.float32)
     triangle, turned = np.zeros((kept + 1, kept)), np.zeros(kept + 1)
     turns: list[tuple[float, float]] = []
+    blocks = [slice(low, low + _CACHED) for low in range(0, rest.size, _CACHED)]
     basis[0], turned[0] = rest / np.float32(first), first
     count = 0
     for column in range(kept):
         ways[column] = precondition(basis[column])
         new, old = apply(ways[column]), basis[: column + 1]
-        for _ in range(2):  # once more, for what rounding has left
-            parts = np.einsum("ij,j->i", old, new)
-            new = new - np.einsum("i,ij->j", parts, old)
+        before, height = math.sqrt(dot(new, new)), 0.0
+        while height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
+            before = height or before
+            parts = np.sum([np.einsum("ij,j->i", old[:, some], new[some]) for some in blocks], axis=0)
+            for some in blocks:
+                new[some] -= np.einsum("i,ij->j", parts, old[:, some])
             triangle[: column + 1, column] += parts
-        height = math.sqrt(dot(new, new))
+            height = math.sqrt(dot(new, new))
         line, count = triangle[:, column], column + 1
         for row, (c, s) in enumerate(turns):
             line[row], line[row + 1] = c * line[row] + s * line[row + 1], c * line[row + 1] - s * line[row]

@@ -14,13 +14,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import cached_property
-from itertools import combinations_with_replacement, pairwise
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.green import ArrayRow, green_function
+from granphon.array.local_inverse import invert_blocks
 from granphon.array.rooms import Rooms
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
@@ -83,6 +84,8 @@ class Stencils:
         self._vector = table.vector[:, :p]
         self._rows = [row for kind in self._kinds for row in self._make_rows(kind)]
         self.rooms = Rooms(self.shape, self.shifts)
+        #: Green's function in the precisions that it was needed in
+        self._found: dict[Any, Array] = {}
 
     def _make_rows(self, kind: Row) -> list[ArrayRow]:
         """Return a kind of deformation for each kind of contact, on the fields of the array."""
@@ -103,7 +106,10 @@ class Stencils:
     def observe(self, kinds: Sequence[Row]) -> Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their own."""
         other = copy(self)
+        other._found = {}
         other.forget()
+        for name in ("_ends", "_steps"):
+            vars(other).pop(name, None)
         other._kinds = list(kinds)
         other._rows = [row for kind in kinds for row in self._make_rows(kind)]
         return other
@@ -114,7 +120,23 @@ class Stencils:
 
     def forget(self) -> None:
         """Drop Green's function from memory: it is several times as large as the array, and quickly computed again."""
+        self._found.clear()
         vars(self).pop("_green", None)
+
+    @cached_property
+    def _steps(self) -> list[int]:
+        """Distance of ball j from ball i of each kind of deformation, in the flattened room."""
+        return [self.rooms.offset(row.shift) for row in self._rows]
+
+    @cached_property
+    def _ends(self) -> Array:
+        """(2 rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
+        found = np.zeros((2, self.n_rows, self.n_fields))
+        for ends, name in zip(found, ("head", "tail"), strict=True):
+            for line, row in zip(ends, self._rows, strict=True):
+                for field, factor in getattr(row, name):
+                    line[field] = factor
+        return found.reshape(-1, self.n_fields)
 
     @property
     def rows(self) -> list[ArrayRow]:
@@ -268,14 +290,25 @@ class Stencils:
         """Return C^T f as :meth:`balance`, from ``tension(part, deformations)`` of all kinds at once, (rows, m)."""
         room = self.rooms.fill(balls)
         self.rooms.wrap(room)
-        out = np.zeros_like(room)
+        out, ends = np.zeros_like(room), self._ends.astype(room.dtype)
         flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
-        for first, end in self.rooms.spans(_CACHED):
-            found = np.empty((self.n_rows, end - first), room.dtype)
-            for kind, row in enumerate(self._rows):
-                found[kind] = self._deform(row, flat, first, end)
-            for pull, row in zip(tension(slice(first, end), found), self._rows, strict=True):
-                self._pull(row, pull, forces, first, end)
+        steps, n = self._steps, self.n_rows
+        least, most = min(0, *steps), max(0, *steps)
+        for first, end in self.rooms.spans(_CACHED // 4):
+            low, size = first + least, end - first
+            near = slice(low, end + most)
+            # what each kind takes from the ball at either end
+            parts = np.einsum("rf,fx->rx", ends, flat[:, near])
+            found = np.empty((n, size), room.dtype)
+            for kind, step in enumerate(steps):
+                at = step - least
+                np.subtract(parts[kind, at : at + size], parts[n + kind, -least : size - least], out=found[kind])
+            pull = tension(slice(first, end), found)
+            parts[...] = 0.0
+            for kind, step in enumerate(steps):
+                parts[kind, step - least : step - least + size] = pull[kind]
+            np.negative(pull, out=parts[n:, -least : size - least])
+            forces[:, near] += np.einsum("rf,rx->fx", ends, parts)
         return self.rooms.fold(out)
 
     def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
@@ -328,71 +361,49 @@ class Stencils:
         normal = stiffness[: self.n_contacts]
         mean, local = float(np.mean(normal)), []
         if float(np.std(normal)) > _UNEVEN * mean:
-            local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
-        precision = np.result_type(stiffness.dtype, 1.0 if self.n_balls == 1 else 1j)
-        green = [[entry.astype(precision, copy=False) for entry in line] for line in self._green]
+            rooms = self.rooms.fill(stiffness) if springs is None else springs
+            for fields in self._groups:
+                local.append((fields, invert_blocks(self._rows, self.rooms, fields, rooms, _LEAST_LOCAL * mean)))
+        # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
+        # parts of waves, which follow each other in memory
+        real = self.n_balls == 1
+        precision = np.result_type(stiffness.dtype, 1.0 if real else 1j)
+        turning = self.motions.turning if real else slice(0, 0)
+        if precision not in self._found:
+            green = np.array(self._green).astype(precision)
+            self._found[precision] = np.repeat(green, 2, axis=-1) if real else green
+        green, over = self._found[precision], precision.type(1.0 / mean)
         axes = tuple(range(1, len(self.shape) + 1))
-        # with one ball in the cell Green's function is that of rotations times i
-        turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
 
         def apply(force: Array) -> Array:
-            waves = fft.rfftn(force, axes=axes, workers=self.workers)
+            waves = fft.rfft(force, axis=axes[-1], workers=self.workers)
+            for axis in axes[:-1]:
+                waves = fft.fft(waves, axis=axis, workers=self.workers, overwrite_x=True)
             for rows in self.blocks(self.n_fields) if len(axes) > 1 else [slice(None)]:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
-                new = [_sum_products([entry[rows] for entry in line], parts) for line in green]
-                for field, part in enumerate(new):
-                    parts[field] = part
+                plain = parts.view(precision)
+                np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
                 parts[turning] *= 1j
             # transform one axis after the other: all at once would allocate another array of waves
             for axis in axes[:-1]:
                 waves = fft.ifft(waves, axis=axis, workers=self.workers, overwrite_x=True)
             out: Array = fft.irfft(waves, self.shape[-1], axis=axes[-1], workers=self.workers)
             for rows in self.blocks(self.n_fields):
-                part = out[:, rows]
-                part *= 1.0 / mean
-                for fields, lines in local:
-                    for field, line in zip(fields, lines, strict=True):
-                        part[field] += _sum_products([entry[rows] for entry in line], [force[one, rows] for one in fields])
+                for fields, block in local:
+                    out[fields, rows] += np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
             return out
 
         return apply
 
-    def _invert_blocks(self, stiffness: Array, least: float) -> list[tuple[list[int], list[list[Array]]]]:
-        """Return the inverse of each ball's own block of C^T K C, with displacements and rotations treated separately.
-
-        Each entry holds the fields of a block, and the inverse as lines of arrays (L1, ..., Lp). ``stiffness`` is in rooms
-        with margins of zeros.
-        """
-        springs = stiffness.reshape(len(stiffness), -1)
-        groups = [range(self.motions.count)[part] for part in (self.motions.translating, self.motions.turning)]
-        blocks = [
-            [ball * self.motions.count + at for at in group] for ball in range(self.n_balls) for group in groups if group
+    @cached_property
+    def _groups(self) -> list[slice]:
+        """Fields of the displacements, and those of the rotations, of each ball of the cell."""
+        count, parts = self.motions.count, (self.motions.translating, self.motions.turning)
+        groups = [range(count)[part] for part in parts if range(count)[part]]
+        return [
+            slice(ball * count + group.start, ball * count + group.stop) for ball in range(self.n_balls) for group in groups
         ]
-        out = []
-        for fields in blocks:
-            pairs = list(combinations_with_replacement(fields, 2))
-            room, extra = self.rooms.zeros(len(pairs)), np.zeros(len(pairs))
-            flat = room.reshape(len(pairs), -1)
-            terms = []  # kind of deformation, step, slot, factor
-            for kind, row in enumerate(self._rows):
-                for ends, step in ((row.head, self.rooms.offset(row.shift)), (row.tail, 0)):
-                    values = dict(ends)
-                    for slot, (a, b) in enumerate(pairs):
-                        if square := values.get(a, 0.0) * values.get(b, 0.0):
-                            terms.append((kind, step, slot, square))
-                            extra[slot] += least * row.ratio * square
-            for first, end in self.rooms.spans(_CACHED):
-                for kind, step, slot, square in terms:
-                    flat[slot, first + step : end + step] += square * springs[kind, first:end]
-            held = self.rooms.fold(room)
-            held += extra.reshape(-1, *(1,) * len(self.shape))
-            for rows in self.blocks(len(pairs)):
-                _invert_symmetric(held[:, rows], len(fields))
-            held = held.astype(stiffness.dtype, copy=False)
-            where = {pair: slot for slot, pair in enumerate(pairs)}
-            out.append((fields, [[held[where[min(a, b), max(a, b)]] for b in fields] for a in fields]))
-        return out
 
 
 def _find_basis(normal: Array) -> Array:
@@ -407,23 +418,6 @@ def _find_basis(normal: Array) -> Array:
 
 def _orthonormal(vectors: list[Array]) -> list[Array]:
     return list(np.linalg.qr(np.array(vectors).T)[0].T) if vectors else []
-
-
-def _invert_symmetric(entries: Array, size: int) -> None:
-    """Invert symmetric matrices of one to three rows in place; ``entries`` are the upper triangle, row after row."""
-    if size == 1:
-        entries[0] = 1.0 / entries[0]
-    elif size == 2:
-        xx, xy, yy = entries
-        one_over = 1.0 / (xx * yy - xy * xy)
-        entries[:] = yy * one_over, -xy * one_over, xx * one_over
-    else:
-        xx, xy, xz, yy, yz, zz = entries
-        first, second, third = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-        one_over = 1.0 / (xx * first + xy * second + xz * third)
-        inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-        for entry, value in zip(entries, inverse, strict=True):
-            entry[...] = value * one_over
 
 
 def _round_coefficients(coefficients: Array) -> Array:
@@ -449,11 +443,4 @@ def _combine(coefficients: Sequence[tuple[int, float]], flat: Array, first: int,
         part = flat[field, first:end] if abs(factor) == 1.0 else abs(factor) * flat[field, first:end]
         combine = np.add if factor > 0.0 else np.subtract
         total = combine(total, part, out=total if at or coefficients[0][1] != 1.0 else None)
-    return total
-
-
-def _sum_products(factors: Sequence[Array], fields: Any) -> Any:
-    total = factors[0] * fields[0]
-    for factor, field in zip(factors[1:], fields[1:], strict=True):
-        total += factor * field
     return total

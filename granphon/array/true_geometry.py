@@ -34,7 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.geometry import Inverse, Law, Place
+from granphon.array.friction import Tangent
+from granphon.array.geometry import Inverse, Law, Place, Product
+from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
@@ -96,12 +98,12 @@ class ExactGeometry:
 
     def solve(
         self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, turned: bool = False,
+        free: bool,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion without friction; see :class:`Geometry`.
 
-        Forces push balls aside with the stiffness -f eps/|w|. With the other sign such balls go farther the same way: the
-        equations are solved so if ``turned``, or if a curvature is below zero.
+        Forces push balls aside with the stiffness -f eps/|w|. It is taken with the other sign, with which there is always a
+        solution; balls that are pushed aside then go the same way.
         """
         size, shape, none = right.balls.size, right.balls.shape, np.zeros((0, *stiffness.shape))
         held = 1.0 / float(np.sum(stiffness))
@@ -115,16 +117,11 @@ class ExactGeometry:
         def law(loss: Array, slip: Array) -> tuple[Array, Array]:
             return stiffness * loss, slip
 
-        taken = 0
-        for sign in (-1.0,):
-            found, steps, stable = solve_by_descent(
-                lambda vector, sign=sign: join(*place.respond(split(vector), law, sign * forces, none)),  # type: ignore[misc]
-                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, _MOST_STEPS,
-            )  # fmt: skip
-            taken += steps
-            if stable:
-                break
+        found, taken, _ = solve_by_descent(
+            lambda vector: join(*place.respond(split(vector), law, -forces, none)),
+            lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
+            join(*right), reduction, _MOST_STEPS,
+        )  # fmt: skip
         return split(found), taken
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
@@ -309,6 +306,15 @@ class ExactPlace:
         moved, total, difference = self.geometry.split(motion)
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
+
+    def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
+        """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
+
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            pull, push = self.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
+            return pull.astype(np.float32), push
+
+        return product
 
     def resist(
         self, moved: _Vector, total: _Vector, difference: _Vector, law: Law, forces: Array, shears: Array,

@@ -418,7 +418,7 @@ def energy(repeats: int) -> list[Row]:
             left = last.work - last.dissipated - (last.stored - paths.begin().stored)
             what = f"work that is neither stored nor lost, of the work, {named(mu)}, {steps} steps"
             rows.append(
-                Row(what, abs(left) / last.work, "", 0.25 / steps**2, note=f"lost: {last.dissipated / last.work:.3g}")
+                Row(what, abs(left) / last.work, "", 0.5 / steps**3, note=f"lost: {last.dissipated / last.work:.3g}")
             )
     return rows
 

@@ -1,0 +1,288 @@
+"""One step of a loading history: Newton's method for the balance of forces and torques under the law of the contacts.
+
+The linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts slide, or where the shear
+stiffness changes with the overlap. GMRES solves them, preconditioned by Green's function of the lattice, in single
+precision and no more accurately than the step needs.
+
+A ball whose contacts all slide can be turned without resistance, and a step of Newton's method would turn it without limit.
+Such balls are turned by themselves after the step, to where their torques vanish while all others are held: the torque is a
+piecewise linear function of the angle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.geometry import Geometry, Place
+from granphon.array.preconditioners import Preconditioners
+from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
+from granphon.array.residuals import Single, solve_by_minimal_residuals
+from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.steps import Prescribed
+
+__all__ = ["LoadStep", "is_balanced"]
+
+Array = NDArray[np.float64]
+#: fraction by which a given mean force may be missed
+_LOAD_TOLERANCE = 1e-12
+#: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
+#: fall by half for it to go on
+_NEWTON_STEPS, _PATIENCE = 120, 15
+#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
+#: of the residual that is left before
+_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
+#: number of steps of Newton's method after which no new limits are found
+_MOST_STEPS = 600
+#: largest number of iterations of a step of Newton's method
+_MOST_ITERATIONS = 300
+#: number of iterations of a step of Newton's method that Green's function may take, and the number beyond, of all steps
+#: together, at which the matrix is factorised
+_FEW, _WASTE = 30, 250
+#: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
+#: distance from balance
+_LOOSEST, _FORCING = 0.1, 1.0
+#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
+#: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
+_LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
+#: number of times that a step of Newton's method is halved
+_LENGTHS = 6
+#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
+_ADDED_STIFFNESS = 1e-2
+#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered
+#: after a whole one; and the most, where a step is given up
+_EASE, _MOST_HOLD = 10.0, 1e6
+#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
+#: balance: without it nothing would hold balls whose contacts all slide. In space; and in a plane, where these are turned by
+#: themselves, over the distance in units of the friction coefficient
+_SECANT_SHARE_IN_SPACE, _SECANT_SHARE = 30.0, 0.3
+#: mean force, over that before the step, below which the array has fallen apart
+_FALLEN = 1e-6
+#: largest motion of a ball in a step of Newton's method, half of its rotation included, over the rms overlap
+_FARTHEST = 0.2
+#: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
+_LOOSE = 1e-2
+
+
+class LoadStep:
+    """A step of the load, from the state ``here``, at its ``place``, to the balance of forces and torques under ``load``.
+
+    ``drag`` is the stiffness of dashpots between neighbours, for :mod:`granphon.array.gas`.
+    """
+
+    def __init__(
+        self, geometry: Geometry, law: FrictionLaw, here: PressedArray, place: Place, load: Prescribed, drag: float = 0.0
+    ) -> None:
+        self._geometry, self._stencils, self._law = geometry, geometry.stencils, law
+        self._here, self._place, self._load, self._drag = here, place, load, drag
+        self._inverses, self._factorised, self._wasted = Preconditioners(self._stencils, 1.0), False, 0
+        self._slides = 0.0 < law.friction_coefficient < math.inf
+        # dashpots hold balls whose contacts all slide
+        self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
+
+    def solve(self, balls: Array, overlap: float) -> Trial:
+        """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
+
+        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
+        to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
+        which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
+        """
+        trial = self._iterate(self._try(balls, overlap), _NEWTON_STEPS, _PATIENCE)
+        if not is_balanced(trial) and self._slides:
+            lagged = trial.follow(self._try(balls, overlap))
+            for _ in range(_LAGS):
+                if lagged.left == math.inf or lagged.newton > _MOST_STEPS:
+                    break
+                guess = lagged.contacts.overlaps
+                lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
+                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess)
+                trial = lagged.follow(self._try(lagged.balls, lagged.overlap))
+                trial = self._iterate(trial, _NEWTON_STEPS, _SHORT_PATIENCE)
+                if is_balanced(trial):
+                    break
+                lagged = trial.follow(lagged)
+        return trial
+
+    def _iterate(self, trial: Trial, most: int, patience: int, guess: Array | None = None) -> Trial:
+        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual."""
+        before, hold, slow = math.inf, 1.0, False
+        aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
+        for count in range(most):
+            if is_balanced(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
+                break
+            if count % patience == 0:
+                if trial.size > 0.5 * before:
+                    break
+                before = trial.size
+            way, taken = self._direct(trial, hold)
+            new, length = self._search(trial, way, guess, slow)
+            slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
+            new = self._turn_loose(new, guess)
+            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
+            if not math.isfinite(trial.size) or hold > _MOST_HOLD:
+                break
+            hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
+        return trial
+
+    def _search(self, trial: Trial, way: Motion, guess: Array | None, slow: bool) -> tuple[Trial, float]:
+        """Return the state after a step of Newton's method, and the length of the step: halved until less is left.
+
+        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer one is tried too.
+        """
+
+        def go(length: float) -> Trial:
+            return self._try(trial.balls + length * way.balls, trial.overlap + length * way.compression, guess)
+
+        def slope(state: Trial) -> float:
+            return dot(state.pull, way.balls) + state.push * way.compression
+
+        first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
+        new = best[0]
+        for _ in range(_LENGTHS - 1):
+            if new.size < (1.0 - 0.1 * length) * trial.size or (guess is not None and slope(new) > -0.5 * first):
+                best = (new, length) if guess is not None else best
+                break
+            length *= 0.5
+            new = go(length)
+            if new.size < best[0].size:
+                best = new, length
+        if slow and best[1] == 1.0 and best[0].size > _LEFT_BY_LOOSE * trial.size:
+            new = go(_LONGER)
+            best = (new, 1.0) if new.size < best[0].size else best
+        return best
+
+    def _resist(self, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
+        """Return the normal forces and the tangential ones, with those of dashpots if there are any."""
+        if not self._drag:
+            return contacts.forces, contacts.shears
+        before = self._here
+        normal = contacts.overlaps - before.contacts.overlaps - (overlap - before.overlap)
+        slips = contacts.slips - before.contacts.slips
+        return contacts.forces + self._drag * normal, contacts.shears + self._stencils.mindlin_ratio * self._drag * slips
+
+    def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
+        place = self._geometry.place(balls, overlap)
+        slips = place.slips(self._place, self._here.contacts.slips)
+        contacts, tangent = self._law.advance(self._here.contacts, place.overlaps, slips, guess)
+        forces, load, stencils = contacts.forces, self._load, self._stencils
+        force = float(np.mean(forces))
+        pull = place.pull(*self._resist(contacts, overlap))
+        push = forces.size * (load.force - force) if load.overlap is None else 0.0
+        fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
+        turning = fields[:, stencils.motions.turning]
+        square = max(
+            float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))),
+            float(np.max(np.sum(turning**2, axis=1))) if turning.size else 0.0,
+        )
+        scale = max(force, self._drag)
+        scale = scale if scale > _FALLEN * self._here.force else math.inf
+        size = math.sqrt(dot(pull, pull) + push * push / forces.size)
+        missed = abs(push) / (forces.size * scale)
+        left = math.sqrt(square) / scale if scale < math.inf else math.inf
+        return Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
+
+    def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
+        """Return the step of Newton's method, and the number of iterations that it took."""
+        stencils, distance, free = self._stencils, max(trial.left, trial.missed), self._load.overlap is None
+        mean, size, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, trial.balls.size, stencils.mindlin_ratio
+        added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
+        secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
+        share = min(1.0, secant * distance * hold)
+        tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
+        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
+        single: Single = stiffnesses.astype(np.float32)
+        hard = self._wasted >= _WASTE
+        self._factorised |= hard  # factors then serve for the rest of the step
+        inverse = self._inverses.choose(single, hard) if self._factorised else stencils.preconditioner(single)
+        held = np.float32(1.0 / tangent.stiffness.size)
+        product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
+
+        def apply(vector: Single) -> Single:
+            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+            pull, push = product(balls, press)
+            return np.append(pull, np.float32(push)) if free else np.ravel(pull)
+
+        def precondition(vector: Single) -> Single:
+            balls = inverse(vector[:size].reshape(trial.balls.shape)).astype(np.float32, copy=False)
+            return np.append(balls, held * vector[size]) if free else np.ravel(balls)
+
+        right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
+        reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
+        found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
+        self._wasted = 0 if hard else self._wasted + max(0, taken - _FEW)
+        if self._factorised:
+            self._inverses.count(taken)
+        return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
+
+    def _shorten(self, found: Array, trial: Trial) -> Array:
+        """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""
+        motions, n = self._stencils.motions, self._stencils.n_balls
+        fields = found.reshape(n, motions.count, *self._stencils.shape)
+        limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
+        sizes = np.max(np.abs(fields[:, motions.translating]), axis=1, initial=0.0)
+        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, motions.turning]), axis=1, initial=0.0), out=sizes)
+        if float(np.max(sizes)) > limit:
+            fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
+        return fields.reshape(trial.balls.shape)
+
+    def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
+        """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
+        if not self._spins or trial.left == math.inf:
+            return trial
+        stencils, tangent = self._stencils, trial.tangent
+        resisting, carrying = stencils.around(tangent.springs[0]), stencils.around(tangent.stiffness)
+        loose: NDArray[np.bool_] = (resisting <= _LOOSE * self._law.mindlin_ratio * carrying) & (carrying > 0.0)
+        if is_balanced(trial) or not np.any(loose):
+            return trial
+        at, arms = _find_contacts(stencils, loose)
+        before, after = self._here.contacts, trial.contacts
+        ends = Contacts(before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None])
+        held = after.overlaps if guess is None else guess
+        bent, springs, limits = self._law.bend(ends, held[at], after.slips[0][at][None])
+        turn = _unwind(bent[0], springs * arms, limits, arms)
+        balls = trial.balls.copy()
+        fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
+        fields[:, 0][loose.reshape(stencils.n_balls, *stencils.shape)] += turn
+        return self._try(balls, trial.overlap, guess)
+
+
+def is_balanced(trial: Trial) -> bool:
+    """Return whether all balls are in balance, and the load is met."""
+    return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
+
+
+def _find_contacts(stencils: Stencils, chosen: NDArray[np.bool_]) -> tuple[tuple[Any, ...], Array]:
+    """Return the indices (contacts, balls) of the contacts around chosen balls of a plane, and their slips as these turn.
+
+    ``chosen`` has :attr:`Stencils.ball_shape`.
+    """
+    count, (turning,) = stencils.motions.count, range(stencils.motions.count)[stencils.motions.turning]
+    ball, *cell = np.nonzero(chosen.reshape(stencils.n_balls, *stencils.shape))
+    places: list[Any] = []
+    arms: list[Array] = []
+    for row, shift, (i, j) in zip(stencils.rows[stencils.n_contacts :], stencils.shifts, stencils.ends, strict=True):
+        kind = len(places) // 2
+        for one, steps, ends, sign in ((j, shift, row.head, 1.0), (i, (0,) * len(shift), row.tail, -1.0)):
+            start = [(at - step) % size for at, step, size in zip(cell, steps, stencils.shape, strict=True)]
+            places.append([np.full_like(ball, kind), *start])
+            arms.append(np.where(ball == one, sign * dict(ends).get(count * one + turning, 0.0), 0.0))
+    return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
+
+
+def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:
+    """Return the angles at which sums over the first axis of ``arms`` times clipped ``bent + springs angle`` vanish."""
+    safe = np.where(springs == 0.0, 1.0, springs)
+    corners = [np.where(springs == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
+    angles = np.sort(np.concatenate(corners), axis=0)
+    forces = np.clip(bent + springs * angles[:, None], -limits, limits)
+    torques = np.sum(arms * forces, axis=1)  # rising with the angle
+    last = np.clip(np.sum(torques <= 0.0, axis=0), 1, len(angles) - 1)
+    (low, high), (less, more) = (np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, torques))
+    crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
+    part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
+    return np.where(crosses, low + part * (high - low), 0.0)
