@@ -27,7 +27,7 @@ from granphon.base.written_files import LIST
 from granphon.cli.commands import main
 from granphon.cli.wording import write_quantity
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import RESULT_FILES, WORK_FOLDER
+from granphon.scene.result_files import RESULT_FILES, WORK_FILE
 from granphon.scene.run import SweepResult, expected_files, is_complete
 from granphon.scene.scene import Load, Scene
 from granphon.sweeps.archive import load_sweep
@@ -653,7 +653,7 @@ def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error):
         assert main(["run", "scene.yaml", "-o", "out"]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     assert sum(path.is_file() for path in (work / "out").rglob("*")) == 2 + 1
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, error)
@@ -755,7 +755,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
         with pytest.raises(KeyboardInterrupt):
             scene.run("out", force=True)
     # the older result is still whole
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", WORK_FOLDER}
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", WORK_FILE}
     assert Scene.from_yaml("out/scene.yaml") == Scene.from_text(ONE)
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert "already holds scene.yaml, summary.yaml" in capsys.readouterr().err
@@ -781,7 +781,7 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monke
         assert main(["run", "scene.yaml", "-o", "out"]) == code
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     begun = interrupted_after(0, monkeypatch, error)
     assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
     assert not begun
@@ -822,7 +822,7 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
     ) as running:
         try:
             assert [running.stdout.readline() for _ in range(2)] == ["held\n"] * 2  # both have begun what has no end
-            while len(list((work / "out" / WORK_FOLDER).glob("ala-*"))) < 2 and running.poll() is None:
+            while len(list((work / "out" / WORK_FILE).glob("ala-*"))) < 2 and running.poll() is None:
                 time.sleep(0.01)
             if kind == "SIGINT":  # as a terminal does, to the workers as well
                 os.killpg(running.pid, signal.SIGINT)
@@ -841,7 +841,7 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert running.returncode == 130
         kept = "The finished parts of the sweep are kept: run the same command again to continue."
         assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     with pytest.MonkeyPatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
@@ -988,7 +988,7 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
 
 
 def test_a_scene_in_the_folder_of_finished_tasks_stays(work, monkeypatch):
-    place = work / "out" / WORK_FOLDER
+    place = work / "out" / WORK_FILE
     place.mkdir(parents=True)
     users = {"scene.yaml": SWEEP, ".note": "mine", "ala-0": "mine"}
     for name, text in users.items():
@@ -1013,7 +1013,7 @@ def test_a_killed_sweep_goes_on(work, whole):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True)
     assert done.returncode == -signal.SIGKILL
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
     assert listed(work / "out") == ALL
     assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))

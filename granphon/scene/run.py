@@ -52,13 +52,14 @@ from granphon.scene.result_files import (
     DIAMETERS_FILE,
     RESULT_FILES,
     WAVE_FILES,
-    WORK_FOLDER,
+    WORK_FILE,
     expected_files,
     list_files,
     wave_figures,
 )
-from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism, packages
-from granphon.sweeps.tasks import open_store
+from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism
+from granphon.sweeps.store import open_store
+from granphon.sweeps.workers import packages
 from granphon.waves.settings import POLARISATIONS, WAVES
 
 if TYPE_CHECKING:
@@ -314,7 +315,7 @@ def run(
     result: RunResult | SweepResult
     with (
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
-        open_store(target / WORK_FOLDER, force) as store,
+        open_store(target / WORK_FILE, force) as store,
     ):
         if scene.is_sweep:
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())

@@ -13,7 +13,7 @@ from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
-from granphon.sweeps.tasks import TaskResult
+from granphon.sweeps.entries import TaskResult
 
 if TYPE_CHECKING:
     from granphon.waves.settings import WaveSettings
