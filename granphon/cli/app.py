@@ -9,6 +9,7 @@ import typer
 
 from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
+from granphon.sweeps import MOST_WORKERS
 
 __all__ = [
     "ABOUT", "COMPARISONS", "FORCE", "GROUPS", "PICTURES", "SCENES", "WORK", "Force", "SceneFile", "Scheduler", "Workers",
@@ -19,8 +20,6 @@ __all__ = [
 GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = "Scenes", "Pictures", "Comparisons", "About granphon"
 #: group of the options that say who does the work
 WORK = "Work"
-#: the greatest number of worker processes on this machine: each takes some 100 MB
-MOST_WORKERS = 1024
 #: what the option --force says
 FORCE = "Replace files that granphon wrote and that were not changed since."
 
@@ -74,7 +73,7 @@ def _granphon(
 Force = Annotated[bool, typer.Option("--force", help=FORCE)]
 SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]
 Workers = Annotated[
-    int,
+    int | None,
     typer.Option(
         min=1, max=MOST_WORKERS, metavar="N", help="Processes that share the work; no more than it has tasks.",
         rich_help_panel=WORK,

@@ -103,7 +103,7 @@ def run_scene(
         bool,
         typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK),
     ] = False,
-    workers: Workers = 1,
+    workers: Workers = None,
     scheduler: Scheduler = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.", rich_help_panel=_FILES)] = True,
     quiet: Annotated[

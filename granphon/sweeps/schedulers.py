@@ -21,15 +21,14 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.cost import available_memory
+from granphon.sweeps import MOST_WORKERS
 from granphon.sweeps.workers import WorkerLost, hold_back_signals, mask_interrupts, packages, worker_processes
 
 if TYPE_CHECKING:
     from granphon.sweeps.tasks import Task
 
-__all__ = ["MOST_WORKERS", "adapt", "open_executor", "read_scheduler", "require_workers"]
+__all__ = ["adapt", "open_executor", "read_scheduler", "require_workers"]
 
-#: the greatest number of worker processes on this machine: each takes some 100 MB
-MOST_WORKERS = 1024
 #: time in which a scheduler must answer, s
 _ANSWER_SECONDS = 5.0
 #: time between two looks at the workers that there are, s
@@ -60,12 +59,12 @@ def read_scheduler(text: str) -> str | int:
     return text
 
 
-def require_workers(workers: int, scheduler: str | None) -> str | int | None:
+def require_workers(workers: int | None, scheduler: str | None) -> str | int | None:
     """Raise InputError as :func:`open_executor` does; return what :func:`read_scheduler` does, None without a scheduler."""
     if scheduler is None:
         return None
     asked = read_scheduler(scheduler)
-    if workers != 1:
+    if workers is not None:
         what = "both --workers and --scheduler are given"
         raise InputError(message(what, "The workers are those of the scheduler", "Leave one of them out"))
     try:
@@ -79,8 +78,8 @@ def require_workers(workers: int, scheduler: str | None) -> str | int | None:
 
 
 @contextmanager
-def open_executor(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Yield the executor of ``workers`` processes, or that of a ``scheduler``; None if this process does the work.
+def open_executor(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """Yield the executor of ``workers`` processes, or of a ``scheduler``; None if one process, this one, does the work.
 
     ``scheduler`` is an address or "local:N", see :func:`read_scheduler`. All processes that were started here end with the
     block, and with this process however it ends.
@@ -92,7 +91,7 @@ def open_executor(workers: int = 1, scheduler: str | None = None) -> Iterator[Ex
     """
     asked = require_workers(workers, scheduler)
     if asked is None:
-        with worker_processes(workers) as executor:
+        with worker_processes(workers or 1) as executor:
             yield executor
         return
     with _silence():

@@ -67,6 +67,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None = None, force: bool = False) -> None:
+        self._stream: FileIO | None = None
         self.path, self.force = path, force
         #: entries that are held in memory, where there is no file
         self._held: dict[str, bytes] = {}
@@ -77,7 +78,6 @@ class Store:
         #: body of the entry with the identity of the work that left results there; and the entry that is to be written first
         self._before = b""
         self._pending = b""
-        self._stream: FileIO | None = None
         self._home: tuple[int, int] | None = None
         self._synced = time.monotonic()
 
@@ -184,8 +184,8 @@ class Store:
 
     def _list(self) -> dict[str, tuple[int, int]]:
         """Return place and length of the sound entries by name; the file is scanned once."""
-        if self._places is not None or self.path is None:
-            return self._places or {}
+        if self._places is not None:
+            return self._places
         self._places = {}
         if not self._check():
             return self._places
@@ -290,6 +290,9 @@ class Store:
             with stream, suppress(OSError):
                 if stream.writable():
                     os.fsync(stream.fileno())
+
+    def __del__(self) -> None:
+        self.close()
 
     def clear(self) -> None:
         """Delete every result, and the file."""
