@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import errno
-import io
 import itertools
 import json
 import math
@@ -36,9 +35,9 @@ from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
 from granphon.sweeps import store as stores
+from granphon.sweeps import tasks
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.entries import HEAD, IDENTITY, MARK, decode, encode, name_of, read_entries, scan, wrap
-from granphon.sweeps.jobs import Job
 from granphon.sweeps.store import Store
 from granphon.sweeps.sweep import sweep
 from granphon.sweeps.tasks import solve_all
@@ -310,14 +309,14 @@ def test_each_load_of_a_sample_is_kept(rough, tmp_path, load, executor):
         path = tmp_path / str(stop) / "sweep.nc"
         with nullcontext() if executor is None else executor(1) as pool, pytest.raises(KeyboardInterrupt):
             sweep(rough, path=path, executor=pool, progress=Meter(stop=stop), **arguments)
-        (part,) = parts_in(path.parent)
-        kept = np.load(io.BytesIO(part.read_bytes()[32:]))
-        assert len(kept["force"]) == stop
-        # the highest load first
-        given, expected = kept[next(iter(load))], sorted(values, reverse=True)[:stop]
-        assert_allclose(given, expected, rtol=1e-9)
-        assert kept["rest_balls"].shape == (2, 8, 8)
-        assert resumed(rough, path.parent, whole, arguments) == len(values) - stop
+        kept = dict(read_entries(path.parent / PARTIAL)).popitem()[1]
+        there = len(kept["force"])
+        assert there == stop or (executor is not None and there > stop)  # a worker does what it can in half a second
+        if there < len(values):  # the highest load first
+            given, expected = kept[next(iter(load))], sorted(values, reverse=True)[:there]
+            assert_allclose(given, expected, rtol=1e-9)
+            assert kept["rest_balls"].shape == (2, 8, 8)
+        assert resumed(rough, path.parent, whole, arguments) == len(values) - there
 
 
 def test_a_sample_that_carries_no_load_is_named(rough):
@@ -964,15 +963,22 @@ def interrupted(stopped, tmp_path):
 
 @contextmanager
 def counting():
-    """A list of the tasks that are begun in the block."""
-    begun, solve = [], Job.solve
+    """A list of the steps that are done in the block, by threads."""
+    new, work = [], tasks.carry_out
+
+    def carry_out(orders):
+        done = work(orders)
+        for (task, part), one in zip(orders, done, strict=False):
+            new.extend([task.where] * (one.steps - (0 if part is None else task.done(part))))
+        return done
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Job, "solve", lambda job, part=None: (begun.append(job.where), solve(job, part))[1])
-        yield begun
+        patch.setattr(tasks, "carry_out", carry_out)
+        yield new
 
 
 def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
-    """Resume in ``folder``; the number of tasks that were done anew."""
+    """Resume in ``folder``; the number of steps that were done anew."""
     with counting() as begun, ThreadPoolExecutor(2) as executor:
         found = sweep(packing, path=folder / "sweep.nc", executor=executor, **arguments, **options)
     assert found.identical(expected)
@@ -1282,8 +1288,8 @@ def test_a_sweep_that_was_killed_goes_on(rough, serial, tmp_path):
 
 def test_a_store_of_ones_own_is_left_to_its_owner(rough, serial, interrupted):
     store = Store(interrupted / PARTIAL)
-    with counting() as begun:
-        assert sweep(rough, store=store, **ARGUMENTS).identical(serial)
+    with counting() as begun, ThreadPoolExecutor(1) as executor:
+        assert sweep(rough, store=store, executor=executor, **ARGUMENTS).identical(serial)
     assert len(begun) == 9 - 4
     assert len(parts_in(interrupted)) == 9
 
