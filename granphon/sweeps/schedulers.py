@@ -37,6 +37,8 @@ _LOOK_SECONDS = 2.0
 _CLOSING_SECONDS = 1.0
 #: an address: a protocol, if it is not TCP; a host; a port
 _ADDRESS = re.compile(r"(?:[a-z]+://)?(?:\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):([0-9]{1,5})")
+#: options of a scheduler whose web server takes any free port of this machine alone
+_NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 #: what the error of a scheduler that has ended or an own one that is not there adds
 _GO_ON = "What is finished is kept: run the same command again to continue"
 
@@ -121,13 +123,15 @@ def adapt(executor: Executor) -> Iterator[Executor]:
 @contextmanager
 def _silence() -> Iterator[None]:
     """Keep what dask logs off the terminal: what matters is raised as an error."""
-    log = logging.getLogger("distributed")
-    before = log.level
-    log.setLevel(logging.CRITICAL + 1)
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(before)
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
 
 
 @contextmanager
@@ -145,7 +149,7 @@ def _start_cluster(count: int) -> Iterator[Any]:
         with hold_back_signals(), mask_interrupts():
             cluster = LocalCluster(
                 n_workers=0, threads_per_worker=1, processes=True, host="127.0.0.1", memory_limit=memory,
-                dashboard_address=None, silence_logs=logging.CRITICAL + 1,
+                scheduler_kwargs=_NO_DASHBOARD, silence_logs=logging.CRITICAL + 1,
             )  # fmt: skip
     except (OSError, RuntimeError) as error:
         raise GranphonError(message(f"the local scheduler cannot be started: {error}")) from None
