@@ -1092,7 +1092,6 @@ def _cut_end(length):
     return lambda folder: os.truncate(folder / PARTIAL, sum(list(entries_in(folder).values())[-1]) - length)
 
 
-@pytest.mark.claim("sweep-same-numbers")
 @pytest.mark.parametrize(
     ("damage", "redone"),
     [

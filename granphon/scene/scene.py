@@ -192,8 +192,9 @@ class Scene:
         """Whether its work is cut into tasks, which can be done side by side: a sweep, or several samples of one state."""
         if self.is_sweep:
             return True
-        medium = self.rung.medium
-        return medium.simulates and medium.settings["samples"] > 1
+        from granphon.sweeps.samples import has_sample_tasks
+
+        return has_sample_tasks(self.rung)
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:

@@ -7,14 +7,13 @@ and go: dask gives the tasks of one that is lost to others, and those that come 
 from __future__ import annotations
 
 import logging
-import os
+import multiprocessing
 import pickle
 import re
-import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -39,6 +38,10 @@ _CLOSING_SECONDS = 1.0
 _ADDRESS = re.compile(r"(?:[a-z]+://)?(?:\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):([0-9]{1,5})")
 #: options of a scheduler whose web server takes any free port of this machine alone
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+#: what the names begin with that dask gives to worker processes
+_WORKER_NAME = "Dask Worker process"
+#: longest time without any worker process of a local scheduler, s: they take a second to start
+_START_SECONDS = 120.0
 #: what the error of a scheduler that has ended or an own one that is not there adds
 _GO_ON = "What is finished is kept: run the same command again to continue"
 
@@ -140,13 +143,15 @@ def _start_cluster(count: int) -> Iterator[Any]:
 
     They end with this process, however it ends: each has a pipe to it, and ends when that is closed.
     """
+    import dask
     from distributed import LocalCluster
 
+    others = set(multiprocessing.active_children())
     free = available_memory()
     memory = int(free / count) if free < float("inf") else "auto"
     try:
         # threads, and so processes, inherit the mask: a signal of the terminal stops this process alone, which ends them
-        with hold_back_signals(), mask_interrupts():
+        with hold_back_signals(), mask_interrupts(), dask.config.set({"distributed.scheduler.allowed-failures": 0}):
             cluster = LocalCluster(
                 n_workers=0, threads_per_worker=1, processes=True, host="127.0.0.1", memory_limit=memory,
                 scheduler_kwargs=_NO_DASHBOARD, silence_logs=logging.CRITICAL + 1,
@@ -157,19 +162,20 @@ def _start_cluster(count: int) -> Iterator[Any]:
         cluster.scale(count)
         yield cluster
     finally:
-        with hold_back_signals(), suppress(Exception):
-            _kill_workers(cluster)
-            cluster.close(timeout=_CLOSING_SECONDS)
+        with hold_back_signals():
+            for nanny in list(cluster.workers.values()):
+                nanny.auto_restart = False
+            _kill_workers(others)
+            with suppress(Exception):
+                cluster.close(timeout=_CLOSING_SECONDS)
+            _kill_workers(others)  # one that was being started is not stopped by closing
 
 
-def _kill_workers(cluster: Any) -> None:
-    """Kill the worker processes at once, even in the middle of their work: nobody waits for it any more."""
-    for nanny in list(cluster.workers.values()):
-        nanny.auto_restart = False
-        process = getattr(nanny, "process", None)
-        if process is not None and process.pid:
-            with suppress(OSError):
-                os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+def _kill_workers(others: Container[Any]) -> None:
+    """Kill the worker processes but ``others`` at once, even in the middle of their work: nobody waits for it any more."""
+    for process in multiprocessing.active_children():
+        if process.name.startswith(_WORKER_NAME) and process not in others:
+            process.kill()
 
 
 @contextmanager
@@ -239,6 +245,8 @@ class _OnScheduler(Executor):
         self._client, self._inner = client, client.get_executor(**{"pure": False} | options)
         self._count, self._looked = count, -_LOOK_SECONDS
         self._threads, self._known = 0, set[str]()
+        #: when there was a worker last
+        self._seen = time.monotonic()
         #: memory that the largest task needs, bytes, and its name
         self._need, self._largest = 0.0, ""
 
@@ -249,6 +257,10 @@ class _OnScheduler(Executor):
         if now - self._looked > _LOOK_SECONDS:
             self._look()
             self._looked = now
+        if self._threads or not self._count:
+            self._seen = now
+        elif now - self._seen > _START_SECONDS:
+            raise GranphonError(message("the worker processes of the local scheduler do not start", mend=_GO_ON))
         return max(self._threads, self._count, 1)
 
     def require(self, tasks: Sequence[Task]) -> None:

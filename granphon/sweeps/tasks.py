@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, wait
 from contextlib import suppress
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import NamedTuple, Protocol
 
 from granphon.base.errors import GranphonError, OutputError, message
@@ -33,6 +33,8 @@ MOST_TOGETHER = 2000
 _AHEAD = 2
 #: number of workers that are lost with a task before it counts as the reason; after two it is sent alone
 MOST_LOSSES = 3
+#: longest time for which a result is waited for before the executor is asked for its workers again, s
+_LOOK_SECONDS = 2.0
 #: longest time for which batches under way are waited for after an error or an interruption, s
 _PATIENCE = 1.0
 
@@ -218,7 +220,10 @@ class _Work:
                         raise
                     running[future] = indices
                     future.add_done_callback(ready.put)
-                future = ready.get()
+                try:
+                    future = ready.get(timeout=_LOOK_SECONDS)
+                except Empty:
+                    continue  # and look at the workers again
                 indices = running[future]
                 try:
                     self._keep(indices, future.result())
