@@ -853,7 +853,7 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert err == "" or whose != "--workers=2"  # nothing is said of semaphores left behind
     else:
         assert running.returncode == 130
-        kept = "The finished parts of the sweep are kept: run the same command again to continue."
+        kept = "The finished parts are kept: run the same command again to continue."
         assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
     assert listed(work / "out") == {WORK_FILE}
     with pytest.MonkeyPatch.context() as patch:
@@ -938,6 +938,63 @@ def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsy
             patch.setattr("granphon.scene.run.ResultFiles", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
             assert main(["run", "scene.yaml", "-o", "out"]) == 130
         assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
+
+
+SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples: 4}}")
+
+
+def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
+    """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
+    from granphon.sweeps.samples import _SampleTask
+
+    (work / "scene.yaml").write_text(SAMPLES)
+    assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
+    begun, solve = [], _SampleTask.solve
+
+    def solved(task, part=None):
+        begun.append(task.where)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+        return solve(task, part)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_SampleTask, "solve", solved)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 130
+    kept = "The finished parts are kept: run the same command again to continue."
+    assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
+    assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 2)
+    (work / "other.yaml").write_text(SAMPLES.replace("3 N", "4 N"))
+    assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
+    assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
+    begun[:] = [""] * 3
+    with monkeypatch.context() as patch:
+        patch.setattr(_SampleTask, "solve", solved)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert [where.rpartition(", ")[2] for where in begun[3:]] == ["seed 2", "seed 3"]
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    for name in sorted(listed(work / "whole") - {"forces.png"}):
+        assert (work / "out" / name).read_bytes() == (work / "whole" / name).read_bytes()
+        assert (work / "two" / name).read_bytes() == (work / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize("more", ["", ", geometry: exact", ", seed: 5, friction_history: true, friction_coefficient: 0.3"])
+def test_samples_solved_as_tasks_are_those_of_the_medium(more):
+    from granphon.sweeps.samples import has_sample_tasks, solve_state
+
+    text = SAMPLES.replace("samples: 4", "samples: 2" + more)
+    scene = Scene.from_text(text.replace("packing: {", "packing: {finite_overlap: true, ") if "exact" in more else text)
+    assert has_sample_tasks(scene.rung) == ("history" not in more)
+    if "history" in more:
+        return
+    state, expected = solve_state(scene.rung, True), scene.state()
+    assert (state.force, state.overlap, state.exponent, state.exponent_error) == (
+        expected.force, expected.overlap, expected.exponent, expected.exponent_error,
+    )  # fmt: skip
+    assert state.medium == expected.medium
+    for one, other in zip(state.samples, expected.samples, strict=True):
+        assert one.seed == other.seed
+        for name in ("elastic_tensor", "elastic_tensors_beside", "diameters", "contact_forces", "displacements"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):

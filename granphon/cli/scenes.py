@@ -23,8 +23,8 @@ PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membr
 _LONG = 10.0
 #: groups of the options of ``run`` in its help
 _FILES = "Files"
-#: what the message of an interruption adds if a part of a sweep has been finished
-_GO_ON = "The finished parts of the sweep are kept: run the same command again to continue."
+#: what the message of an interruption adds if tasks have been finished
+_GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
 @command("init", rich_help_panel=SCENES)
@@ -136,7 +136,7 @@ def run_scene(
         """Describe what an interruption has left in the folder."""
         if is_complete(read, out):
             return f"{out} holds the whole result of this scene."
-        kept = read.is_sweep and os.path.isfile(os.path.join(out, WORK_FILE))
+        kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
         return f"{NOTHING_WRITTEN} {_GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)

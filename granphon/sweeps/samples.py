@@ -1,4 +1,4 @@
-"""The samples of one simulated state as tasks: unlike in a sweep, all their balls are kept, for the files and figures of it."""
+"""The samples of one simulated state as tasks: unlike in a sweep, their balls are kept, for files and figures of them."""
 
 from __future__ import annotations
 
