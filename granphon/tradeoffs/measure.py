@@ -266,7 +266,7 @@ def carry_out(
         tasks = [_StudyTask(study, part * budget, runs, stopwatch) for study, part in zip(studies, parts, strict=True)]
         for study, found in zip(studies, solve_all("trade-off", tasks, executor, progress), strict=True):
             points += [MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist()]
-            references |= {study.name: made for made in found["made"].tolist()}
+            references.update((study.name, made) for made in found["made"].tolist())
     for place, study in enumerate(studies if executor is None else ()):
         # the others share the rest evenly; what a study leaves of its part is for those after it
         now = stopwatch.now()
