@@ -213,7 +213,7 @@ def test_studies_side_by_side_find_what_they_find_in_turn(clock):
     for one, other in zip(found.points, expected.points, strict=True):
         assert (one.study, one.method, one.knob, one.failure) == (other.study, other.method, other.knob, other.failure)
         assert np.array_equal(one.errors, other.errors)
-        assert one.seconds == pytest.approx(other.seconds)
+        assert one.seconds == pytest.approx(other.seconds, rel=1e-4)  # each look at the clock counts
     assert found.references == expected.references == {"one": "by hand", "two": "by hand"}
 
 

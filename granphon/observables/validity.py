@@ -107,7 +107,7 @@ class Check(Result):
         """Whether the condition holds, at each load."""
         return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
 
-    @property
+    @cached_property
     def tally(self) -> Tally:
         """The worst value over the loads, and the number of loads at which the condition fails."""
         worst = float(np.min(self.value) if self.at_least else np.max(self.value))
