@@ -13,7 +13,7 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -207,7 +207,7 @@ def _call(order: bytes, wanted: dict[str, str]) -> Any:
     return function(*args)
 
 
-def _describe_versions(worker: str, there: dict[str, str | None], here: dict[str, str]) -> str:
+def _describe_versions(worker: str, there: Mapping[str, str | None], here: Mapping[str, str]) -> str:
     """Say which version of which package a worker has."""
     wrong = next(name for name, version in here.items() if there.get(name) != version)
     found = there.get(wrong)
