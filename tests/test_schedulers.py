@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, MissingFileError, OutputError, SceneError
 from granphon.cli.commands import main
 from granphon.sweeps import schedulers, tasks
 from granphon.sweeps.entries import read_entries
@@ -115,6 +115,10 @@ def test_batches_are_bounded_in_time_and_number():
     assert [tasks.decode(one.entry)["x"].item() for one in done] == [0, 1]
 
 
+def _throw(error):
+    raise error
+
+
 class Failing(Nap):
     def solve(self, begun=None):
         raise InputError(f"{self.number} fails.")
@@ -126,6 +130,15 @@ def test_an_error_in_the_middle_of_a_batch_keeps_what_is_before_it(client, tmp_p
     with pytest.raises(InputError, match="40 fails"):
         solve_all("naps", naps, client.get_executor(), store=store)
     assert {f"nap-{n}" for n in range(30)} <= dict(read_entries(tmp_path / "store")).keys()
+
+
+def test_errors_come_back_as_they_are(client):
+    for error in (MissingFileError("x"), OutputError("y"), SceneError("z"), ConvergenceError("w")):
+        error.load_index = 3
+        with pytest.raises(type(error), match=str(error)) as caught:
+            client.submit(_throw, error).result()
+        assert type(caught.value) is type(error)
+        assert caught.value.load_index == 3
 
 
 # -- what is refused ------------------------------------------------------------------------------------------------
