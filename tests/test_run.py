@@ -825,6 +825,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     "whose", ["--workers=2", pytest.param("--scheduler=local:2", marks=[pytest.mark.exhaustive, needs_distributed])]
 )
+@pytest.mark.claim("machines-lost")
 def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind, whose):
     # more tasks than are under way
     scene = SWEEP.replace("[ala, afa, ema]", "[ala, afa]").replace("[1 um, 2 um]", "{from: 1 um, to: 2 um, points: 6}")

@@ -81,6 +81,7 @@ def packing(steel):
     return gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
 
 
+@pytest.mark.claim("machines-same-numbers")
 def test_the_numbers_are_those_of_one_process(packing, client):
     assert sweep(packing, executor=client.get_executor(), **ARGUMENTS).identical(sweep(packing, **ARGUMENTS))
 
@@ -265,6 +266,7 @@ def children():
 
 
 @posix
+@pytest.mark.claim("machines-lost")
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("how", [{"workers": 2}, {"scheduler": "local:2"}])
 def test_a_killed_worker_costs_what_it_was_at(tmp_path, how):
@@ -327,6 +329,7 @@ def remote(tmp_path):
 
 
 @posix
+@pytest.mark.claim("machines-lost")
 @pytest.mark.exhaustive
 def test_a_scheduler_that_dies_costs_what_was_under_way(tmp_path, remote):
     address, scheduler = remote
