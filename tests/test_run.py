@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import ase.io
@@ -27,10 +28,11 @@ from granphon.base.written_files import LIST
 from granphon.cli.commands import main
 from granphon.cli.wording import write_quantity
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import RESULT_FILES, WORK_FOLDER
+from granphon.scene.result_files import RESULT_FILES, WORK_FILE
 from granphon.scene.run import SweepResult, expected_files, is_complete
 from granphon.scene.scene import Load, Scene
 from granphon.sweeps.archive import load_sweep
+from granphon.sweeps.entries import read_entries
 from granphon.sweeps.sweep import sweep
 from granphon.sweeps.workers import worker_processes
 
@@ -43,6 +45,9 @@ sweep: {width: [1 um, 2 um]}
 """
 ONE = SWEEP.replace("{from: 2 N, to: 20 N, points: 6}", "3 N").replace("[ala, afa, ema]", "ema").replace("sweep", "# sweep")
 ALL = {"scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep.png"}
+
+
+needs_distributed = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
 
 
 @pytest.fixture
@@ -67,6 +72,11 @@ def summary(folder: str) -> dict:
 
 def listed(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()} - {LIST, LOCK}
+
+
+def count_parts(folder: Path) -> int:
+    """The number of results in the store of a folder."""
+    return len(dict(read_entries(folder / WORK_FILE))) if (folder / WORK_FILE).exists() else 0
 
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
@@ -603,7 +613,7 @@ def test_a_worker_that_cannot_be_started_is_an_error(work, monkeypatch, capsys):
 DEADLY = """
 import multiprocessing, os, signal
 
-def solve(begun=None):
+def carry_out(orders):
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -614,11 +624,12 @@ def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
     monkeypatch.syspath_prepend(work)
     import deadly  # by name, so that the worker finds it
 
-    monkeypatch.setattr("granphon.sweeps.jobs.Job.solve", property(lambda _: deadly.solve))
+    monkeypatch.setattr("granphon.sweeps.tasks.carry_out", deadly.carry_out)
+    monkeypatch.setattr("granphon.sweeps.tasks.MOST_LOSSES", 2)
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert "a worker process has ended" in err
+    assert "ala, width = 1e-06 m: the worker process that did it has ended, 2 times. It was killed, or ran out of" in err
     assert listed(work) == {"scene.yaml", "deadly.py"}
     assert not multiprocessing.active_children()
 
@@ -665,8 +676,8 @@ def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error):
         assert main(["run", "scene.yaml", "-o", "out"]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
-    assert listed(work / "out") == {WORK_FOLDER}
-    assert sum(path.is_file() for path in (work / "out").rglob("*")) == 2 + 1
+    assert listed(work / "out") == {WORK_FILE}
+    assert count_parts(work / "out") == 2
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, error)
         assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
@@ -767,7 +778,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
         with pytest.raises(KeyboardInterrupt):
             scene.run("out", force=True)
     # the older result is still whole
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", WORK_FOLDER}
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", WORK_FILE}
     assert Scene.from_yaml("out/scene.yaml") == Scene.from_text(ONE)
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert "already holds scene.yaml, summary.yaml" in capsys.readouterr().err
@@ -793,7 +804,7 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monke
         assert main(["run", "scene.yaml", "-o", "out"]) == code
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     begun = interrupted_after(0, monkeypatch, error)
     assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
     assert not begun
@@ -823,18 +834,22 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGKILL"])
-def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind):
+@pytest.mark.parametrize(
+    "whose", ["--workers=2", pytest.param("--scheduler=local:2", marks=[pytest.mark.exhaustive, needs_distributed])]
+)
+@pytest.mark.claim("machines-lost")
+def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind, whose):
     # more tasks than are under way
     scene = SWEEP.replace("[ala, afa, ema]", "[ala, afa]").replace("[1 um, 2 um]", "{from: 1 um, to: 2 um, points: 6}")
     (work / "scene.yaml").write_text(scene)
     (work / "held.py").write_text(HELD)
-    command = [sys.executable, "held.py", "run", "scene.yaml", "-o", "out", "--workers", "2"]
+    command = [sys.executable, "held.py", "run", "scene.yaml", "-o", "out", whose]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as running:
         try:
             assert [running.stdout.readline() for _ in range(2)] == ["held\n"] * 2  # both have begun what has no end
-            while len(list((work / "out" / WORK_FOLDER).glob("ala-*"))) < 2 and running.poll() is None:
+            while count_parts(work / "out") < 2 and running.poll() is None:
                 time.sleep(0.01)
             if kind == "SIGINT":  # as a terminal does, to the workers as well
                 os.killpg(running.pid, signal.SIGINT)
@@ -848,16 +863,21 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
     assert out == ""
     if kind == "SIGKILL":
         assert running.returncode == -signal.SIGKILL
-        assert err == ""  # nothing is said of semaphores left behind
+        assert err == "" or whose != "--workers=2"  # nothing is said of semaphores left behind
     else:
         assert running.returncode == 130
-        kept = "The finished parts of the sweep are kept: run the same command again to continue."
+        kept = "The finished parts are kept: run the same command again to continue."
         assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     with pytest.MonkeyPatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
-    assert [where.split(",")[0] for where in begun] == ["afa"] * 2 + ["ala", "afa"] * 4
+    media = [where.split(",")[0] for where in begun]
+    if whose == "--workers=2":
+        assert media == ["afa"] * 2 + ["ala", "afa"] * 4
+    else:  # dask hands out tasks in its own order
+        assert media.count("afa") == 6
+        assert media.count("ala") <= 4
 
 
 #: the command, interrupted when a module is imported, in the middle of exec() of a text, or at the end of the interpreter
@@ -900,14 +920,14 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
 
 
 @pytest.mark.parametrize(
-    "moment", ["granphon.base.staging._exchange", "granphon.sweeps.tasks.Store.clear", "granphon.cli.scenes.say_table"]
+    "moment", ["granphon.base.staging._exchange", "granphon.sweeps.store.Store.clear", "granphon.cli.scenes.say_table"]
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
     from granphon.base import staging
     from granphon.cli import scenes
-    from granphon.sweeps import tasks
+    from granphon.sweeps import store
 
-    places = {"_exchange": staging, "clear": tasks.Store, "say_table": scenes}
+    places = {"_exchange": staging, "clear": store.Store, "say_table": scenes}
     name = moment.rpartition(".")[2]
     before = getattr(places[name], name)
 
@@ -931,6 +951,63 @@ def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsy
             patch.setattr("granphon.scene.run.ResultFiles", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
             assert main(["run", "scene.yaml", "-o", "out"]) == 130
         assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
+
+
+SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples: 4}}")
+
+
+def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
+    """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
+    from granphon.sweeps.samples import _SampleTask
+
+    (work / "scene.yaml").write_text(SAMPLES)
+    assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
+    begun, solve = [], _SampleTask.solve
+
+    def solved(task, part=None):
+        begun.append(task.where)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+        return solve(task, part)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_SampleTask, "solve", solved)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 130
+    kept = "The finished parts are kept: run the same command again to continue."
+    assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
+    assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 2)
+    (work / "other.yaml").write_text(SAMPLES.replace("3 N", "4 N"))
+    assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
+    assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
+    begun[:] = [""] * 3
+    with monkeypatch.context() as patch:
+        patch.setattr(_SampleTask, "solve", solved)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert [where.rpartition(", ")[2] for where in begun[3:]] == ["seed 2", "seed 3"]
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    for name in sorted(listed(work / "whole") - {"forces.png"}):
+        assert (work / "out" / name).read_bytes() == (work / "whole" / name).read_bytes()
+        assert (work / "two" / name).read_bytes() == (work / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize("more", ["", ", geometry: exact", ", seed: 5, friction_history: true, friction_coefficient: 0.3"])
+def test_samples_solved_as_tasks_are_those_of_the_medium(more):
+    from granphon.sweeps.samples import has_sample_tasks, solve_state
+
+    text = SAMPLES.replace("samples: 4", "samples: 2" + more)
+    scene = Scene.from_text(text.replace("packing: {", "packing: {finite_overlap: true, ") if "exact" in more else text)
+    assert has_sample_tasks(scene.rung) == ("history" not in more)
+    if "history" in more:
+        return
+    state, expected = solve_state(scene.rung, True), scene.state()
+    assert (state.force, state.overlap, state.exponent, state.exponent_error) == (
+        expected.force, expected.overlap, expected.exponent, expected.exponent_error,
+    )  # fmt: skip
+    assert state.medium == expected.medium
+    for one, other in zip(state.samples, expected.samples, strict=True):
+        assert one.seed == other.seed
+        for name in ("elastic_tensor", "elastic_tensors_beside", "diameters", "contact_forces", "displacements"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
@@ -999,33 +1076,17 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
     assert listed(work / "out") == {"mine"}
 
 
-def test_a_scene_in_the_folder_of_finished_tasks_stays(work, monkeypatch):
-    place = work / "out" / WORK_FOLDER
-    place.mkdir(parents=True)
-    users = {"scene.yaml": SWEEP, ".note": "mine", "ala-0": "mine"}
-    for name, text in users.items():
-        (place / name).write_text(text)
-    with monkeypatch.context() as patch:
-        interrupted_after(2, patch, KeyboardInterrupt())
-        assert main(["run", str(place / "scene.yaml"), "-o", "out"]) == 130
-    assert len(listed(place)) == len(users) + 2 + 1
-    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N"))
-    assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
-    assert main(["run", "other.yaml", "-o", "out", "-q", "--force"]) == 0
-    assert {path.name: path.read_text() for path in place.iterdir()} == users
-
-
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
 def test_a_killed_sweep_goes_on(work, whole):
     code = (
-        "import os, signal\nfrom granphon.sweeps import tasks\nfrom granphon.cli.commands import main\n"
-        "write = tasks.Store.write\n"
-        "def last(*arguments):\n    write(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
-        "tasks.Store.write = last\nmain(['run', 'scene.yaml', '-o', 'out'])"
+        "import os, signal\nfrom granphon.sweeps import store\nfrom granphon.cli.commands import main\n"
+        "append = store.Store.append\n"
+        "def last(*arguments):\n    append(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+        "store.Store.append = last\nmain(['run', 'scene.yaml', '-o', 'out'])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True)
     assert done.returncode == -signal.SIGKILL
-    assert listed(work / "out") == {WORK_FOLDER}
+    assert listed(work / "out") == {WORK_FILE}
     assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
     assert listed(work / "out") == ALL
     assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -199,6 +200,21 @@ def clock():
 def measure(*asked, **options):
     """Carry out fake studies on the clock of the first."""
     return carry_out(asked, "force", **options, stopwatch=asked[0].clock)
+
+
+def test_studies_side_by_side_find_what_they_find_in_turn(clock):
+    def make():
+        return [FakeStudy(clock, [("m", "a", 1.0, 1e-2), ("n", "b", 2.0, 1e-3)], name=name) for name in ("one", "two")]
+
+    with ThreadPoolExecutor(1) as executor:
+        found = measure(*make(), budget=1000.0, executor=executor)
+    expected = measure(*make(), budget=1000.0)
+    assert [point.ran for point in found.points] == [True] * 4
+    for one, other in zip(found.points, expected.points, strict=True):
+        assert (one.study, one.method, one.knob, one.failure) == (other.study, other.method, other.knob, other.failure)
+        assert np.array_equal(one.errors, other.errors)
+        assert one.seconds == pytest.approx(other.seconds, rel=1e-4)  # each look at the clock counts
+    assert found.references == expected.references == {"one": "by hand", "two": "by hand"}
 
 
 def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):

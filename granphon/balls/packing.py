@@ -185,7 +185,7 @@ class Packing:
         """Mass of a ball of the mean diameter, M = pi rho d^3 / 6, kg (equation 7)."""
         return math.pi / 6.0 * self.material.density * self.diameter * self.diameter * self.diameter
 
-    @property
+    @cached_property
     def law(self) -> HertzLaw:
         """The contact law of two balls of the mean diameter."""
         return HertzLaw.between(self.material, self.diameter)

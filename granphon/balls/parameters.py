@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ class Axis:
                 )
         return axis
 
-    @property
+    @cached_property
     def unit(self) -> str | None:
         """SI unit of the values; None where they are not numbers: "mindlin" may be among those of torsion."""
         return None if any(isinstance(value, str) for value in self.values) else PARAMETERS[self.name]

@@ -8,7 +8,7 @@ why it matters, and how to mend it.
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, Self
 
 __all__ = [
     "TOO_LARGE",
@@ -83,6 +83,10 @@ class SceneError(InputError):
 
 class MissingFileError(InputError, FileNotFoundError):
     """A file that should be read does not exist."""
+
+    def __new__(cls, *args: object) -> Self:
+        """Make the error; without this, dask, which does not call the class, would take the method of ``ValueError``."""
+        return FileNotFoundError.__new__(cls, *args)
 
 
 class MissingSceneError(SceneError, MissingFileError):

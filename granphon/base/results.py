@@ -51,15 +51,14 @@ class Result:
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name, value in list(vars(self).items()):
             if isinstance(value, np.generic):
-                object.__setattr__(self, field.name, value.item())
+                object.__setattr__(self, name, value.item())
             elif isinstance(value, np.ndarray):
                 if value.ndim == 0:
-                    object.__setattr__(self, field.name, value.item())
+                    object.__setattr__(self, name, value.item())
                 elif value.flags.writeable or value.base is not None:  # a view would change with the array behind it
-                    object.__setattr__(self, field.name, read_only(value))
+                    object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):

@@ -9,13 +9,17 @@ import typer
 
 from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
+from granphon.sweeps import MOST_WORKERS
 
 __all__ = [
-    "ABOUT", "COMPARISONS", "FORCE", "GROUPS", "PICTURES", "SCENES", "Force", "SceneFile", "app", "command",
+    "ABOUT", "COMPARISONS", "FORCE", "GROUPS", "PICTURES", "SCENES", "WORK", "Force", "SceneFile", "Scheduler", "Workers",
+    "app", "command",
 ]  # fmt: skip
 
 #: groups of commands, in the order of the help
 GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = "Scenes", "Pictures", "Comparisons", "About granphon"
+#: group of the options that say who does the work
+WORK = "Work"
 #: what the option --force says
 FORCE = "Replace files that granphon wrote and that were not changed since."
 
@@ -68,3 +72,17 @@ def _granphon(
 
 Force = Annotated[bool, typer.Option("--force", help=FORCE)]
 SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1, max=MOST_WORKERS, metavar="N", help="Processes that share the work; no more than it has tasks.",
+        rich_help_panel=WORK,
+    ),
+]  # fmt: skip
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="A dask scheduler whose workers share the work, or local:N to start one with N processes.",
+        rich_help_panel=WORK,
+    ),
+]  # fmt: skip

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from granphon.base.errors import InputError, message
-from granphon.cli.app import FORCE, PICTURES, SCENES, Force, SceneFile, command
+from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_cost, describe_result, describe_scene
 
@@ -18,14 +19,12 @@ __all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp")
-#: the greatest number of processes of a run: each takes some 100 MB
-MOST_WORKERS = 1024
 #: estimated time of a run, s, above which its cost is printed before it starts
 _LONG = 10.0
 #: groups of the options of ``run`` in its help
-_FILES, _WORK = "Files", "Work"
-#: what the message of an interruption adds if a part of a sweep has been finished
-_GO_ON = "The finished parts of the sweep are kept: run the same command again to continue."
+_FILES = "Files"
+#: what the message of an interruption adds if tasks have been finished
+_GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
 @command("init", rich_help_panel=SCENES)
@@ -104,21 +103,13 @@ def run_scene(
     force: Annotated[bool, typer.Option("--force", help=FORCE, rich_help_panel=_FILES)] = False,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=_WORK),
+        typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK),
     ] = False,
-    workers: Annotated[
-        int,
-        typer.Option(
-            min=1,
-            max=MOST_WORKERS,
-            metavar="N",
-            help="Processes that share the work of a sweep; no more than it has tasks.",
-            rich_help_panel=_WORK,
-        ),
-    ] = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.", rich_help_panel=_FILES)] = True,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.", rich_help_panel=_WORK)
+        bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.", rich_help_panel=WORK)
     ] = False,
 ) -> None:
     """Compute what a scene observes and write it into a folder.
@@ -135,21 +126,23 @@ def run_scene(
       granphon run scene.yaml -o out
       granphon run scene.yaml -o out --force --no-figures
       granphon run sweep.yaml -o out --resume --workers 4
+      granphon run sweep.yaml -o out --scheduler tcp://10.0.0.1:8786
     """
     from granphon.base.progress import on_stderr
-    from granphon.scene.result_files import WORK_FOLDER, tell_undrawn
+    from granphon.scene.result_files import WORK_FILE, tell_undrawn
     from granphon.scene.run import is_complete
     from granphon.scene.scene import Scene
-    from granphon.sweeps.workers import worker_processes
+    from granphon.sweeps.schedulers import open_executor, require_workers
 
     def left() -> str:
         """Describe what an interruption has left in the folder."""
         if is_complete(read, out):
             return f"{out} holds the whole result of this scene."
-        kept = read.is_sweep and os.path.isdir(os.path.join(out, WORK_FOLDER))
+        kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
         return f"{NOTHING_WRITTEN} {_GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)
+    require_workers(workers, scheduler)
     read = Scene.from_yaml(scene)
     if resume and not force and is_complete(read, out):
         if not quiet:
@@ -159,7 +152,7 @@ def run_scene(
     if cost is not None and not quiet and cost.seconds > _LONG:
         print(f"granphon: {describe_cost(cost)}", file=sys.stderr, flush=True)
     with tell_interruption(left):
-        with worker_processes(workers if read.is_sweep else 1) as executor:
+        with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:

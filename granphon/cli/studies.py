@@ -11,7 +11,7 @@ import typer
 
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.text import show
-from granphon.cli.app import COMPARISONS, Force, SceneFile, command
+from granphon.cli.app import COMPARISONS, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_fit, write_direction
 
@@ -168,6 +168,8 @@ def measure_tradeoff(
     ] = "3 minutes",
     loads: Annotated[int, typer.Option(min=1, metavar="N", help="Largest number of loads to use.")] = 3,
     runs: Annotated[int, typer.Option(min=5, metavar="N", help="Number of timed runs of each point.")] = 5,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     force: Force = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table; warnings stay.")] = False,
 ) -> None:
@@ -176,7 +178,8 @@ def measure_tradeoff(
     For the balls and the loads of the scene it compares the averaged lattice, the averaged force, the effective medium, and
     simulations of several sizes. It also compares settings: the grid of the Green's function, the solution of the effective
     medium, and the mesh of the density of states if the scene observes it. An error is that of the observed quantities,
-    against a reference from another algorithm. A time is the median of warm runs. What does not fit into the budget is
+    against a reference from another algorithm. A time is the median of warm runs, measured by
+    the worker: --workers and --scheduler need an idle processor for each study. What does not fit into the budget is
     listed as not run. The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
 
     \b
@@ -190,9 +193,11 @@ def measure_tradeoff(
     from granphon.cli.wording import describe_tradeoff
     from granphon.fits.measurements import TIME
     from granphon.scene.scene import Scene
+    from granphon.sweeps.schedulers import open_executor, require_workers
     from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
 
     require_name("--out", out)
+    require_workers(workers, scheduler)
     seconds = require("--budget", TIME.read, budget)
     read = Scene.from_yaml(scene)
     files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.inputs)
@@ -201,10 +206,11 @@ def measure_tradeoff(
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
     given: dict[str, Any] = {load.kind: load.values}
-    found = tradeoff(
-        read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds, most_loads=loads,
-        runs=runs, progress=on_stderr(quiet),
-    )  # fmt: skip
+    with open_executor(workers, scheduler) as executor:
+        found = tradeoff(
+            read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds,
+            most_loads=loads, runs=runs, progress=on_stderr(quiet), executor=executor,
+        )  # fmt: skip
 
     def write(place: Path) -> None:
         (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")

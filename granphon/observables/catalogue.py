@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -382,13 +382,15 @@ def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> d
 
     With ``swept`` only those that sweeps store.
     """
-    found = {
-        one.name: one.find(of)
-        for cost in costs
-        for one in CATALOGUE.values()
-        if one.cost == cost and one.find is not None and (one.swept or not swept)
-    }
-    return {name: value for name, value in found.items() if value is not None}
+    found = ((name, find(of)) for name, find in _list_finders(tuple(costs), swept))
+    return {name: value for name, value in found if value is not None}
+
+
+@cache
+def _list_finders(costs: tuple[CostClass, ...], swept: bool) -> list[tuple[str, Callable[[Analysis], Any]]]:
+    """Return name and function of the observables of these costs, in the order of the costs."""
+    every = [one for cost in costs for one in CATALOGUE.values() if one.cost == cost and (one.swept or not swept)]
+    return [(one.name, one.find) for one in every if one.find is not None]
 
 
 def axis_label(name: str, unit: str | None = None) -> str:

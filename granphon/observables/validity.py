@@ -114,12 +114,13 @@ class Check(Result):
         """Whether the condition holds, with the shape of the load."""
         return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
 
-    @property
+    @cached_property
     def tally(self) -> Tally:
         """The worst value over the loads, and the number of loads at which the condition fails."""
-        worst = float(np.min(self.value) if self.at_least else np.max(self.value))
-        loads = None if np.ndim(self.value) == 0 else int(np.size(self.ok))
-        failing = int(np.sum(~np.asarray(self.ok)))
+        value, ok = np.asarray(self.value), np.asarray(self.ok)
+        worst = float(value.min() if self.at_least else value.max())
+        loads = None if value.ndim == 0 else ok.size
+        failing = ok.size - int(np.count_nonzero(ok))
         return Tally(self.meaning, float(self.limit), self.reason, self.at_least, worst, failing, loads)
 
     @property

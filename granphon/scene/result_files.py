@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
 __all__ = [
-    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files",
+    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE", "expected_files",
     "figure_name", "list_files", "tell_undrawn", "wave_figures", "wave_files",
 ]  # fmt: skip
 
@@ -33,8 +33,8 @@ RESULT_FILES = (
     "sweep.nc", "sweep.csv", "sweep.png",
     *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
 )  # fmt: skip
-#: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
-WORK_FOLDER = ".granphon-sweep"
+#: the file, in the folder of the result, in which finished tasks are kept until the result has been written
+WORK_FILE = ".granphon-sweep"
 
 
 def figure_name(bands: bool) -> str:

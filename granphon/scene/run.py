@@ -56,13 +56,15 @@ from granphon.scene.result_files import (
     RESULT_FILES,
     SAMPLE_TABLES,
     WAVE_FILES,
-    WORK_FOLDER,
+    WORK_FILE,
     expected_files,
     list_files,
     wave_figures,
 )
-from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism, packages
-from granphon.sweeps.tasks import open_store
+from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism
+from granphon.sweeps.samples import identify_state, solve_state
+from granphon.sweeps.store import Store, open_store
+from granphon.sweeps.workers import packages
 from granphon.waves.settings import POLARISATIONS, WAVES
 
 if TYPE_CHECKING:
@@ -295,14 +297,14 @@ def run(
     ----------
     scene : what to compute.
     folder : folder of the results, made if it does not exist. No other run can write into it meanwhile. If anything fails it
-        is left as it was found, except that the finished part of a sweep stays.
+        is left as it was found, except that finished tasks stay in one file, from which the same scene goes on.
     force : replace an earlier result, remove its files that this scene does not write, and discard the finished part of
         another sweep. A file that granphon did not write, that was changed since, or that the scene reads is never replaced.
     progress : is told how far the work has come.
     figures : draw bands.png (dos.png, sweep.png, forces.png) too; a figure that cannot be drawn is a warning of the result.
     resume : if the sweep is complete (see :func:`is_complete`), read it, and compute and write nothing. A sweep that was
         cut off continues from its finished part with or without this.
-    executor : runs the parts of a sweep in parallel; the numbers do not depend on it.
+    executor : does tasks side by side: those of a sweep, or the samples of one state; the numbers do not depend on it.
 
     Returns
     -------
@@ -329,14 +331,15 @@ def run(
     result: RunResult | SweepResult
     with (
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
-        open_store(target / WORK_FOLDER, force) as store,
+        open_store(target / WORK_FILE, force) as store,
     ):
         if scene.is_sweep:
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
-            store.claim(None)
+            identity, tasks = identify_state(scene.rung, "velocities" in scene.observe) if scene.has_tasks else (None, [])
+            store.claim(identity, lambda: tasks)
             with scene.plan.origin.where_it_buckles():
-                result = _run_single(scene, target, progress)
+                result = _run_single(scene, target, progress, executor, store)
         used = versions("numpy", "scipy", *result.packages)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
@@ -374,13 +377,18 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
 
 
-def _run_single(scene: Scene, target: Path, progress: Progress) -> RunResult:
-    """Compute the result of a scene of one state; no file is written yet."""
+def _run_single(scene: Scene, target: Path, progress: Progress, executor: Executor | None, store: Store) -> RunResult:
+    """Compute the result of a scene of one state; none of its files is written yet."""
     rung = scene.rung
     choice = rung.medium
     velocities, constants = None, None
-    with progress.step("simulation") if choice.simulates else nullcontext():
-        state = scene.state()
+    state: ContactState
+    if scene.has_tasks:
+        with scene.plan.case.at_load(0):
+            state = solve_state(rung, "velocities" in scene.observe, executor, progress, store)
+    with progress.step("simulation") if choice.simulates and not scene.has_tasks else nullcontext():
+        if not scene.has_tasks:
+            state = scene.state()
         report = validity(state)
         if "velocities" in scene.observe:
             constants = moduli(state) if "longitudinal" in state.wave_names else None

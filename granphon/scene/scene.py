@@ -187,6 +187,15 @@ class Scene:
         """Whether there is more than one load or medium, or a parameter is swept."""
         return len(self.load.values) > 1 or len(self.media) > 1 or bool(self.parameters)
 
+    @property
+    def has_tasks(self) -> bool:
+        """Whether its work is cut into tasks, which can be done side by side: a sweep, or several samples of one state."""
+        if self.is_sweep:
+            return True
+        from granphon.sweeps.samples import has_sample_tasks
+
+        return has_sample_tasks(self.rung)
+
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""

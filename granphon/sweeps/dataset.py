@@ -20,8 +20,9 @@ from granphon.media.cases import Grid, label_warnings
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
-from granphon.sweeps.jobs import Work, packages, tell_warnings, to_json
-from granphon.sweeps.tasks import TaskResult
+from granphon.sweeps.entries import TaskResult
+from granphon.sweeps.jobs import Work, tell_warnings, to_json
+from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
     from xarray import Dataset

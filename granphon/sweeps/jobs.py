@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import islice
 from typing import Any
 
@@ -21,10 +21,10 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.results import plain
-from granphon.base.text import versions
 from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.cases import Case
 from granphon.media.choice import MediumChoice, Rung
+from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
 from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation
@@ -33,11 +33,12 @@ from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_e
 from granphon.observables.validity import Tally, validity
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
+from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.records import RecordedState, SampleRecord
-from granphon.sweeps.tasks import TaskResult
+from granphon.sweeps.workers import packages
 from granphon.waves.settings import WaveSettings
 
-__all__ = ["LATTICE_BANDS", "Job", "Work", "describe_mechanism", "packages", "to_json", "tell_warnings"]
+__all__ = ["LATTICE_BANDS", "Job", "Work", "describe_mechanism", "tell_warnings", "to_json"]
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -51,12 +52,6 @@ LATTICE_BANDS = (
 def to_json(data: Any) -> str:
     """Return plain data as a JSON text; equal data give the same text."""
     return json.dumps(data, default=plain, sort_keys=True)
-
-
-@cache
-def packages() -> dict[str, str]:
-    """Versions, by name, of the packages that determine the numbers."""
-    return versions("numpy", "scipy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +130,7 @@ class Job:
 
     @cached_property
     def name(self) -> str:
-        """Name of the file for its result: the medium, and a digest of everything that determines the numbers."""
+        """Name of the result: the medium, and a digest of everything that determines the numbers."""
         rung = self.rung
         data = {
             "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
@@ -143,6 +138,22 @@ class Job:
         }  # fmt: skip
         data |= {} if self.waves is None else {"waves": self.waves, "exponents": self.exponents}
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
+
+    @property
+    def kind(self) -> str:
+        """Medium, size of an array and number of loads, on which the time depends most."""
+        rung = self.rung
+        return (
+            f"{rung.medium.name} {rung.medium.settings.get('shape', '') if rung.medium.simulates else ''} {len(rung.loads)}"
+        )
+
+    @property
+    def memory(self) -> float:
+        """Estimated memory of the process that solves it, bytes; 0 of a medium without an array."""
+        medium = self.medium if self.rung.medium.simulates else None
+        if not isinstance(medium, DirectSimulation):
+            return 0.0
+        return estimate(medium, self.load, exponents=self.exponents).memory
 
     @property
     def medium(self) -> Medium:

@@ -35,7 +35,8 @@ from granphon.phonons.paths import BandPath
 from granphon.sweeps.archive import file_names, load_sweep, write_sweep
 from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
 from granphon.sweeps.jobs import Work, to_json
-from granphon.sweeps.tasks import Store, open_store, solve_all
+from granphon.sweeps.store import Store, open_store
+from granphon.sweeps.tasks import solve_all
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
 
 if TYPE_CHECKING:

@@ -1,42 +1,42 @@
 """Work that can run side by side, on any executor, and that an interruption does not undo.
 
 A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
-run anywhere and in any order. A long one is done in steps, and each step is kept.
+run anywhere and in any order. A long one is done in steps, and each step is kept. Short ones are sent to workers in batches,
+which end after half a second; results come back as entries of the store, with their digests.
 """
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 import os
-import shutil
-import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from queue import SimpleQueue
-from typing import Any, Protocol
-from zipfile import BadZipFile
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, wait
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from granphon.base.errors import FileExistsInRunError, InputError, OutputError, message
+from granphon.base.errors import GranphonError, OutputError, message
 from granphon.base.progress import Progress, Step, silent
-from granphon.base.reading import read_bytes
-from granphon.base.staging import write_bytes
-from granphon.base.text import show
+from granphon.sweeps.entries import TaskResult, decode, encode
+from granphon.sweeps.schedulers import adapt
+from granphon.sweeps.store import Store
+from granphon.sweeps.workers import WorkerLost
 
-__all__ = ["IDENTITY", "TaskResult", "Store", "Task", "open_store", "solve_all"]
+__all__ = ["Done", "Task", "carry_out", "solve_all"]
 
-#: the result of a task, or of its first steps; no array holds Python objects
-TaskResult = dict[str, NDArray[Any]]
-#: name of the file in a store that says which work its results belong to
-IDENTITY = "identity.json"
-#: largest number of differences between two works that a message names
-_MOST_NAMED = 3
+#: time after which a worker begins nothing more of a batch, s
+BATCH_SECONDS = 0.5
+#: greatest number of tasks in a batch
+MOST_TOGETHER = 2000
+#: number of batches that are sent for each worker: one that it works at, and one that waits there
+_AHEAD = 2
+#: number of workers that are lost with a task before it counts as the reason; after two it is sent alone
+MOST_LOSSES = 3
+#: longest time for which a result is waited for before the executor is asked for its workers again, s
+_LOOK_SECONDS = 2.0
+#: longest time for which batches under way are waited for after an error or an interruption, s
+_PATIENCE = 1.0
 
 
 class Task(Protocol):
@@ -44,7 +44,22 @@ class Task(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the file for the result: no task with another result has it, and it does not begin with a dot."""
+        """Name under which the result is kept: one line, not empty; no task with another result has it."""
+        ...
+
+    @property
+    def where(self) -> str:
+        """Name of the task in messages."""
+        ...
+
+    @property
+    def kind(self) -> str:
+        """Tasks of one kind take similar times."""
+        ...
+
+    @property
+    def memory(self) -> float:
+        """Memory that a process needs for the task, about, bytes; 0 if it is little."""
         ...
 
     @property
@@ -61,222 +76,44 @@ class Task(Protocol):
         ...
 
 
-# -- what is kept ---------------------------------------------------------------------------------------------------
+# -- in a worker ----------------------------------------------------------------------------------------------------
 
 
-class Store:
-    """The results of finished tasks and steps, one file for each task in ``folder``; None keeps nothing.
+class Done(NamedTuple):
+    """What a worker has done of a task: the entry of its result, the number of steps in it, and s for each new step."""
 
-    The folder is made when the first result is kept; its parent must exist. It belongs to one work, see :meth:`claim`;
-    ``force`` lets another work discard its results. Files in it that hold no result are the user's, and stay.
+    entry: bytes
+    steps: int
+    seconds: float
+
+
+def carry_out(orders: Sequence[tuple[Task, TaskResult | None]], limit: float = BATCH_SECONDS) -> list[Done]:
+    """Do tasks, each with its steps so far, in turn, and return what has been done of the first ones.
+
+    After ``limit`` (s) nothing more is begun; the first step of the first task always is. An error of that step is raised.
+    An error of a later one ends the batch before its task: it will come again, in a batch in which that task is the first.
     """
-
-    def __init__(self, folder: Path | None = None, force: bool = False) -> None:
-        self.folder, self.force = folder, force
-        self._identity: bytes | None = None
-        self._names: set[str] = set()
-        self._home: tuple[int, int] | None = None
-
-    def claim(self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple) -> None:
-        """Claim the store for the work that ``identity``, plain data, describes; None claims it for no work.
-
-        Results that the store holds are used. Another work may have left them if all of them are among ``names``, the names
-        of this work's tasks. They belong to this work once it keeps a result of its own.
-
-        Raises
-        ------
-        OutputError : ``folder`` exists and is not a folder, or is a symbolic link.
-        FileExistsInRunError : there is a result of another work that is not among ``names``, and ``force`` is off. If
-            ``force`` is on, all results are discarded instead.
-        """
-        if self.folder is None:
-            return
-        self._check()
-        self._home = _identify_folder(self.folder.parent)
-        text = json.dumps(identity, sort_keys=True)
-        mine, before, self._names = json.loads(text), self._read_identity(), set(names())
-        if (identity is None or before != mine) and self._list_others():
-            if not self.force:
-                raise FileExistsInRunError(
-                    message(
-                        f"{self.folder} holds the finished part of another sweep, which was interrupted",
-                        _explain_difference(before, mine),
-                        "Run that sweep again to continue it, use --force (force=True, overwrite=True) to discard what it "
-                        "has finished, or choose another folder",
-                    )
-                )
-            self.clear()
-        if identity is not None:
-            data = {"digest": hashlib.sha256(text.encode()).hexdigest(), "sweep": mine}
-            self._identity = json.dumps(data, indent=1).encode()
-
-    def _check(self) -> None:
-        """Raise OutputError if ``folder`` exists and is not a folder, or is a symbolic link."""
-        if self.folder is None:
-            return
-        try:
-            found = os.lstat(self.folder)
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
-        if not stat.S_ISDIR(found.st_mode):
-            what = "a symbolic link" if stat.S_ISLNK(found.st_mode) else "a file"
-            why = "The finished parts of a sweep are kept in a folder of that name"
-            raise OutputError(message(f"{self.folder} is {what}", why, "Move it away, or choose another folder"))
-
-    def _read_identity(self) -> Any:
-        """Return the identity of the work that left results there; None if it is not recorded, or is damaged."""
-        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-            data = json.loads(read_bytes(self.folder / IDENTITY)) if self.folder else {}
-            if hashlib.sha256(json.dumps(data["sweep"], sort_keys=True).encode()).hexdigest() == data["digest"]:
-                return data["sweep"]
-        return None
-
-    def _list_others(self) -> set[str]:
-        """Return the names of the results that are there and are not this work's."""
-        with suppress(OSError):
-            there = set(os.listdir(self.folder)) if self.folder else set()
-            return {name for name in there - self._names if self._read_data(name) is not None}
-        return set()
-
-    def _read_data(self, name: str) -> memoryview | None:
-        """Return the content of the result of that name; None if there is none, or it is damaged."""
-        if self.folder is None:
-            return None
-        try:
-            raw = memoryview(read_bytes(self.folder / name))
-        except (InputError, OSError):
-            return None
-        return raw[32:] if raw[:32] == _digest_result(name, raw[32:]) else None
-
-    def read(self, task: Task) -> TaskResult | None:
-        """Return the result of ``task`` or of its first steps; None if there is none, or it is damaged or another task's."""
-        data = self._read_data(task.name)
-        if data is None:
-            return None
-        try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                return dict(arrays)
-        except (BadZipFile, EOFError, KeyError, OSError, ValueError):
-            return None
-
-    def write(self, task: Task, part: TaskResult) -> None:
-        """Keep the result of ``task``, or of its first steps; :class:`~granphon.base.errors.OutputError` if that fails.
-
-        It fails too if the parent of ``folder`` has been removed, or replaced by another folder: only the process that has
-        locked that one may write there.
-        """
-        if self.folder is None:
-            return
-        stream = io.BytesIO()
-        np.savez(stream, **part)  # type: ignore[arg-type]  # no array is called allow_pickle
-        self._make()
-        try:
-            if self._identity is not None:
-                write_bytes(self.folder / IDENTITY, self._identity)
-                self._identity = None
-            data = stream.getbuffer()  # no copy: results may be large
-            write_bytes(self.folder / task.name, _digest_result(task.name, data), data)
-        except BaseException:
-            with suppress(OSError):  # a folder that is not empty stays
-                self.folder.rmdir()
-            raise
-
-    def _make(self) -> None:
-        """Make ``folder``, but not its parent."""
-        if self.folder is None:
-            return
-        self._check()
-        home = self.folder.parent
-        try:
-            if self._home not in (None, _identify_folder(home)):
-                raise FileNotFoundError
-            self.folder.mkdir(exist_ok=True)
-        except FileNotFoundError:
-            what, why = (
-                f"{home} has been removed while a sweep was writing into it",
-                "The parts that it had finished are gone",
-            )
-            raise OutputError(message(what, why, "Run the same command again: it starts from the beginning")) from None
-        except OSError as error:
-            raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
-
-    def clear(self) -> None:
-        """Delete every result, and the folder if nothing else is in it."""
-        if self.folder is None or self.folder.is_symlink():
-            return
-        for name in self._names | self._list_others():
-            _remove(self.folder / name)
-        for left in self.folder.glob(".granphon-*/"):  # of a process that was killed while it wrote
-            shutil.rmtree(left, ignore_errors=True)
-        _remove(self.folder / IDENTITY)
-        with suppress(OSError):  # it holds something of the user's
-            self.folder.rmdir()
+    done, begun = list[Done](), time.perf_counter()
+    for task, part in orders:
+        new, before = 0, time.perf_counter()
+        while before - begun <= limit or not (done or new):
+            try:
+                part = task.solve(part)
+            except Exception:
+                if not (done or new):
+                    raise
+                limit = -1.0
+                break
+            new, now = new + 1, time.perf_counter()
+            if task.done(part) >= task.steps or now - begun > limit:
+                break
+        if part is None or not new:
+            break
+        done.append(Done(encode(task.name, part), task.done(part), (time.perf_counter() - before) / new))
+    return done
 
 
-@contextmanager
-def open_store(folder: Path | None, force: bool = False) -> Iterator[Store]:
-    """Open a store in ``folder``, and clear it if the block ends well; after a failure its results stay, to go on from."""
-    store = Store(folder, force)
-    yield store
-    store.clear()
-
-
-def _digest_result(name: str, data: bytes | memoryview) -> bytes:
-    # the name is part of it: the result of one task, renamed, does not pass for that of another
-    found = hashlib.sha256(name.encode())
-    found.update(data)
-    return found.digest()
-
-
-def _identify_folder(folder: Path) -> tuple[int, int] | None:
-    """Return device and inode of a folder, which identify it whatever its name; None if it is not there."""
-    with suppress(OSError):
-        found = os.stat(folder)
-        return found.st_dev, found.st_ino
-    return None
-
-
-def _remove(path: Path) -> None:
-    with suppress(OSError):
-        path.unlink()
-
-
-def _explain_difference(there: Any, here: Any) -> str:
-    """Say how the work there differs from the one here."""
-    if here is None:
-        return "The result of a single state would stand beside it"
-    differences = "; ".join(_describe_differences(there, here))
-    return f"They differ: {differences}" if there else "The folder does not say which sweep it belongs to"
-
-
-def _describe_differences(there: Any, here: Any) -> list[str]:
-    """Describe the first few places where plain data differ."""
-    found = list(_find_differences(there, here, ""))
-    more = len(found) - _MOST_NAMED
-    return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])
-
-
-def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
-    if isinstance(there, dict) and isinstance(here, dict):
-        for key in [*there, *(key for key in here if key not in there)]:
-            name = f"{where}.{key}" if where else str(key)
-            if key not in here or key not in there:
-                yield f"{name} is {'given' if key in there else 'not given'} there, and {'' if key in here else 'not '}here"
-            else:
-                yield from _find_differences(there[key], here[key], name)
-    elif isinstance(there, list) and isinstance(here, list):
-        if len(there) != len(here):
-            yield f"{where} has {len(there)} values there, and {len(here)} here"
-        else:
-            for index, (one, other) in enumerate(zip(there, here, strict=True)):
-                yield from _find_differences(one, other, f"{where}[{index}]")
-    elif there != here:
-        yield f"{where} is {show(there)} there, and {show(here)} here"
-
-
-# -- doing it -------------------------------------------------------------------------------------------------------
+# -- in the process that has them done ------------------------------------------------------------------------------
 
 
 def solve_all(
@@ -292,78 +129,157 @@ def solve_all(
     ----------
     label : name of the work for ``progress``, which is told of each step once its result has been kept.
     tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it holds.
-    executor : any executor with the interface of :class:`concurrent.futures.Executor`; None does one task after the other.
-        It is not shut down.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a dask client among them;
+        None does one task after the other. It is not shut down.
     store : where each result is kept as soon as it is found.
 
-    An error of a task is raised as it is. Then, and on an interruption, tasks that have not begun are cancelled, and results
-    of finished ones are kept.
+    An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
+    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, tasks that have not begun
+    are cancelled, and results that come within a second are kept.
     """
     known = store or Store()
-    parts = {i: part for i, task in enumerate(tasks) if (part := known.read(task)) is not None}
     with progress.step(label, sum(task.steps for task in tasks)) as step:
-        step.advance(sum(tasks[i].done(part) for i, part in parts.items()))
-        work = _Work(tasks, parts, known, step)
+        work = _Work(tasks, known, step)
         if executor is None:
             work.run_in_turn()
         else:
-            work.run_side_by_side(executor)
-    return [parts[i] for i in range(len(tasks))]
+            with adapt(executor) as adapted:
+                work.run_side_by_side(adapted)
+    return [_read(task, known) for task in tasks]
+
+
+def _read(task: Task, store: Store) -> TaskResult:
+    """Return the result of a finished task; if it has been damaged meanwhile, it is found again."""
+    part = store.read(task)
+    while part is None or task.done(part) < task.steps:
+        part = task.solve(part)
+    return part
+
+
+def count_workers(executor: Executor) -> int:
+    """Return the number of workers that an executor has now, at least 1; that of the processors if it does not say."""
+    known = getattr(executor, "size", getattr(executor, "_max_workers", None))
+    return max(int(known), 1) if isinstance(known, int) else os.cpu_count() or 1
 
 
 class _Work:
-    """Tasks under way; ``parts`` are their results so far, by index."""
+    """Tasks under way: ``left`` are those that are not finished and not sent, and ``begun`` the steps so far of some."""
 
-    def __init__(self, tasks: Sequence[Task], parts: dict[int, TaskResult], store: Store, step: Step) -> None:
-        self.tasks, self.parts, self.store, self.step = tasks, parts, store, step
-
-    def _is_left(self, index: int) -> bool:
-        return index not in self.parts or self.tasks[index].done(self.parts[index]) < self.tasks[index].steps
-
-    def _keep(self, index: int, part: TaskResult) -> None:
-        self.store.write(self.tasks[index], part)
-        self.parts[index] = part
-        self.step.advance()
-
-    def _rescue(self, index: int, part: TaskResult) -> None:
-        """Keep a result that was finished when an error or an interruption came."""
-        with suppress(OutputError):  # this may be the very error that is being raised
-            self.store.write(self.tasks[index], part)
+    def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
+        self.tasks, self.store, self.step = tasks, store, step
+        self.left, self.begun = deque[int](), dict[int, TaskResult]()
+        #: time of a step of each kind of task, s; and how often a worker was lost with a task
+        self._seconds: dict[str, float] = {}
+        self._losses = Counter[int]()
+        found = 0
+        for index, task in enumerate(tasks):
+            part = store.read(task) if task in store else None
+            steps = 0 if part is None else task.done(part)
+            found += steps
+            if part is None or steps < task.steps:
+                self.left.append(index)
+                self.begun |= {} if part is None else {index: part}
+        step.advance(found)  # also if nothing was: the clock of the progress begins here
 
     def run_in_turn(self) -> None:
         """Do one task after the other, here."""
-        for index, task in enumerate(self.tasks):
-            while self._is_left(index):
-                part = task.solve(self.parts.get(index))
+        while self.left:
+            index = self.left.popleft()
+            task, part = self.tasks[index], self.begun.pop(index, None)
+            while part is None or task.done(part) < task.steps:
+                part = task.solve(part)
+                entry = encode(task.name, part)
                 try:
-                    self._keep(index, part)
+                    self.store.append(task, entry)
+                    self.step.advance()
                 except BaseException:
-                    self._rescue(index, part)
+                    self._rescue(index, entry)
                     raise
 
+    def _rescue(self, index: int, entry: bytes) -> None:
+        """Keep a result that was finished when an error or an interruption came."""
+        with suppress(OutputError):  # this may be the very error that is being raised
+            self.store.append(self.tasks[index], entry)
+
     def run_side_by_side(self, executor: Executor) -> None:
-        """Have the tasks done side by side; the next step of a task is submitted once the one before is kept."""
-        running: dict[Future[TaskResult], int] = {}
-        ready: SimpleQueue[Future[TaskResult]] = SimpleQueue()
-
-        def submit(index: int) -> None:
-            future = executor.submit(self.tasks[index].solve, self.parts.get(index))
-            running[future] = index
-            future.add_done_callback(ready.put)
-
+        """Have the tasks done side by side, in batches of which a few are under way for each worker."""
+        running: dict[Future[list[Done]], list[int]] = {}
+        ready: SimpleQueue[Future[list[Done]]] = SimpleQueue()
+        if (require := getattr(executor, "require", None)) is not None:
+            require([self.tasks[index] for index in self.left])
         try:
-            for index in filter(self._is_left, range(len(self.tasks))):
-                submit(index)
-            while running:
-                future = ready.get()
-                index = running[future]
-                self._keep(index, future.result())
+            while self.left or running:
+                workers = count_workers(executor)
+                while self.left and len(running) < _AHEAD * workers + 1:
+                    indices = self._take(workers)
+                    orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
+                    try:
+                        future = executor.submit(carry_out, orders)
+                    except BaseException:
+                        self.left.extendleft(reversed(indices))
+                        raise
+                    running[future] = indices
+                    future.add_done_callback(ready.put)
+                try:
+                    future = ready.get(timeout=_LOOK_SECONDS)
+                except Empty:
+                    continue  # and look at the workers again
+                indices = running[future]
+                try:
+                    self._keep(indices, future.result())
+                except WorkerLost as loss:
+                    self._send_again(indices, loss)
                 del running[future]
-                if self._is_left(index):
-                    submit(index)
         finally:
             for future in running:
                 future.cancel()
-            for future, index in running.items():
-                if future.done() and not future.cancelled() and future.exception() is None:
-                    self._rescue(index, future.result())
+            late = [future for future in running if not future.cancelled()]
+            wait(late, _PATIENCE)
+            for future in late:
+                if future.done() and future.exception() is None:
+                    for index, one in zip(running[future], future.result(), strict=False):
+                        self._rescue(index, one.entry)
+
+    def _take(self, workers: int) -> list[int]:
+        """Take the tasks of the next batch: as many as half a second is enough for, and one alone if that is not known.
+
+        Towards the end batches become smaller, so that all workers end at about the same time.
+        """
+        most = min(MOST_TOGETHER, max(1, len(self.left) // (_AHEAD * workers)))
+        batch, seconds = list[int](), 0.0
+        while self.left and len(batch) < most and seconds < BATCH_SECONDS:
+            index = self.left[0]
+            task = self.tasks[index]
+            about = self._seconds.get(task.kind)
+            alone = about is None or self._losses[index] > 1
+            if batch and alone:
+                break
+            batch.append(self.left.popleft())
+            if about is None or alone:
+                break
+            part = self.begun.get(index)
+            seconds += about * (task.steps - (0 if part is None else task.done(part)))
+        return batch
+
+    def _keep(self, indices: Sequence[int], done: Sequence[Done]) -> None:
+        """Keep what a batch has brought, and put back what is left of it."""
+        for index, one in zip(indices, done, strict=False):
+            self.store.append(self.tasks[index], one.entry)
+        self.left.extendleft(reversed(indices[len(done) :]))
+        for index, one in zip(indices, done, strict=False):
+            task, part = self.tasks[index], self.begun.pop(index, None)
+            self._seconds[task.kind] = 0.5 * (self._seconds.get(task.kind, one.seconds) + one.seconds)
+            if one.steps < task.steps:
+                self.begun[index] = decode(one.entry)
+                self.left.append(index)
+            self.step.advance(one.steps - (0 if part is None else task.done(part)))
+
+    def _send_again(self, indices: Sequence[int], loss: WorkerLost) -> None:
+        """Put back the tasks of a batch whose worker was lost; raise if it was so thrice, and one of them was alone."""
+        self._losses.update(dict.fromkeys(indices, loss.times))
+        index = indices[0]
+        if len(indices) == 1 and self._losses[index] >= MOST_LOSSES:
+            what = f"{self.tasks[index].where}: the worker process that did it has ended, {self._losses[index]} times"
+            mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
+            raise GranphonError(message(what, "It was killed, or ran out of memory", mend))
+        self.left.extendleft(reversed(indices))

@@ -14,17 +14,33 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any
 
 from granphon.base.errors import GranphonError, message
+from granphon.base.text import versions
 
-__all__ = ["worker_processes"]
+__all__ = ["WorkerLost", "hold_back_signals", "mask_interrupts", "packages", "worker_processes"]
 
 #: the future of a result, and the function with its arguments that gives it
 _Order = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]]
+
+
+class WorkerLost(BrokenExecutor):
+    """A worker process has ended, ``times`` in all, with the call whose future has this error; others may still do it."""
+
+    def __init__(self, times: int = 1) -> None:
+        super().__init__("a worker process has ended")
+        self.times = times
+
+
+@cache
+def packages() -> dict[str, str]:
+    """Versions, by name, of the packages that determine the numbers: those of every worker must be the same."""
+    return versions("numpy", "scipy")
 
 
 # -- in a worker ----------------------------------------------------------------------------------------------------
@@ -76,7 +92,7 @@ _STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def _hold_back_signals() -> Iterator[None]:
+def hold_back_signals() -> Iterator[None]:
     """Hold back the signals that stop this process until the end of the block."""
     if threading.current_thread() is not threading.main_thread():  # only the main thread handles signals
         yield
@@ -95,7 +111,7 @@ def _hold_back_signals() -> Iterator[None]:
 
 
 @contextmanager
-def _mask_interrupts() -> Iterator[None]:
+def mask_interrupts() -> Iterator[None]:
     """Block the signals that stop this process; processes started in the block inherit that, and are not stopped by them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -125,7 +141,7 @@ class _Workers(Executor):
         """Start one worker process; GranphonError if the system refuses it."""
         context = multiprocessing.get_context("spawn")
         try:
-            with _hold_back_signals(), _mask_interrupts():
+            with hold_back_signals(), mask_interrupts():
                 if os.name == "posix":
                     # otherwise the first start of a process starts the tracker, which unblocks the signals
                     from multiprocessing import resource_tracker
@@ -138,14 +154,17 @@ class _Workers(Executor):
                 theirs.close()
                 self._processes.append(process)
                 # the interpreter does not wait for a daemon thread when it ends
-                threading.Thread(target=self._lead, args=(ours,), daemon=True).start()
+                threading.Thread(target=self._lead, args=(ours, process), daemon=True).start()
         except (OSError, RuntimeError) as error:  # too many processes, open files or threads
             why = getattr(error, "strerror", None) or error
             what = f"worker process {len(self._processes) + 1} cannot be started: {why}"
             raise GranphonError(message(what, mend="Take fewer --workers")) from None
 
-    def _lead(self, pipe: Connection) -> None:
-        """Send one worker the next order, and set the result in the order's future; repeat until the order is None."""
+    def _lead(self, pipe: Connection, process: Any) -> None:
+        """Send one worker the next order, and set the result in the order's future; repeat until the order is None.
+
+        If the worker ends, another one is started in its place when there is work for it.
+        """
         while (given := self._orders.get()) is not None:
             future, order = given
             if not future.set_running_or_notify_cancel():
@@ -155,7 +174,9 @@ class _Workers(Executor):
                 pipe.send(order)
                 done, answer = pipe.recv()
             except (OSError, EOFError):
-                done, answer = False, BrokenExecutor("a worker process has ended")
+                self._forget(process)
+                future.set_exception(WorkerLost())
+                break
             except BaseException as error:  # the order or the answer cannot be pickled
                 done, answer = False, error
             self._count(-1)  # before the result is known, so that what is submitted then is left to this worker
@@ -171,6 +192,18 @@ class _Workers(Executor):
             self._open += change
             return self._open
 
+    def _forget(self, process: Any) -> None:
+        """Leave out a worker that has ended; it is started anew when the next call is submitted."""
+        process.join()
+        with suppress(ValueError):  # all were killed by a shutdown
+            self._processes.remove(process)
+        self._count(-1)
+
+    @property
+    def size(self) -> int:
+        """Greatest number of processes."""
+        return self._most
+
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue ``fn`` for the next worker that is free, and return the future of its result."""
         future: Future[Any] = Future()
@@ -181,10 +214,11 @@ class _Workers(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes at once, even in the middle of their work."""
-        with _hold_back_signals():
-            for process in self._processes:
+        with hold_back_signals():
+            every = list(self._processes)
+            for process in every:
                 process.kill()
-            for process in self._processes:
+            for process in every:
                 process.join()
                 self._orders.put(None)
             self._processes.clear()
@@ -196,8 +230,9 @@ def worker_processes(most: int) -> Iterator[Executor | None]:
     """Yield an executor of ``most`` worker processes; None if ``most`` is 1, as this process does the work then.
 
     They are started as work is submitted: never more than there are tasks under way or waiting. At the end of the block they
-    are killed at once, even in the middle of their work. They end too when this process ends. Raises
-    :class:`~granphon.base.errors.GranphonError` if one cannot be started, or has been killed by others.
+    are killed at once, even in the middle of their work. They end too when this process ends. In the place of one that has
+    been killed by others the next call starts another. Raises :class:`~granphon.base.errors.GranphonError` if one cannot be
+    started.
     """
     if most == 1:
         yield None
@@ -205,8 +240,5 @@ def worker_processes(most: int) -> Iterator[Executor | None]:
     workers = _Workers(most)
     try:
         yield workers
-    except BrokenExecutor:
-        what, why = "a worker process has ended", "It was killed, or ran out of memory"
-        raise GranphonError(message(what, why, "Take fewer --workers; run the same command again to continue")) from None
     finally:
         workers.shutdown()

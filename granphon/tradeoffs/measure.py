@@ -6,10 +6,12 @@ a study is timed several times after a run to warm up, and its error is that of 
 
 from __future__ import annotations
 
+import json
 import math
 import statistics
 import tracemalloc
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -24,6 +26,8 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
+from granphon.sweeps.entries import TaskResult
+from granphon.sweeps.tasks import solve_all
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import NOT_MEASURED, SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
@@ -191,6 +195,7 @@ def tradeoff(
     runs: int = LEAST_RUNS,
     progress: Progress = silent,
     stopwatch: Stopwatch = SECONDS,
+    executor: Executor | None = None,
 ) -> TradeOff:
     """Measure time and error of the media, and of the knobs inside them.
 
@@ -209,6 +214,8 @@ def tradeoff(
     progress : is told what is under way.
     stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.study.Stopwatch` to count work instead
         of seconds.
+    executor : does the studies side by side, each a task that measures time where it runs, in its part of the budget. Times
+        are those of machines that do nothing else.
 
     Returns
     -------
@@ -235,7 +242,7 @@ def tradeoff(
     elif loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
     asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch)
-    return carry_out(asked, load.kind, budget, runs, progress, stopwatch)
+    return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor)
 
 
 def carry_out(
@@ -245,12 +252,22 @@ def carry_out(
     runs: int = LEAST_RUNS,
     progress: Progress = silent,
     stopwatch: Stopwatch = SECONDS,
+    executor: Executor | None = None,
 ) -> TradeOff:
-    """Carry out studies of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it)."""
+    """Carry out studies of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it).
+
+    They are done one after the other, or side by side by an ``executor``.
+    """
     begun = stopwatch.now()
     points: list[MeasuredPoint] = []
     references: dict[str, str] = {}
-    for place, study in enumerate(studies):
+    if executor is not None:
+        parts = [_FOR_FIRST, *[(1.0 - _FOR_FIRST) / (len(studies) - 1)] * (len(studies) - 1)] if studies[1:] else [1.0]
+        tasks = [_StudyTask(study, part * budget, runs, stopwatch) for study, part in zip(studies, parts, strict=True)]
+        for study, found in zip(studies, solve_all("trade-off", tasks, executor, progress), strict=True):
+            points += [MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist()]
+            references.update((study.name, made) for made in found["made"].tolist())
+    for place, study in enumerate(studies if executor is None else ()):
         # the others share the rest evenly; what a study leaves of its part is for those after it
         now = stopwatch.now()
         part = _FOR_FIRST if place == 0 and len(studies) > 1 else 1.0 / (len(studies) - place)
@@ -259,6 +276,42 @@ def carry_out(
     observed = {study.name: study.observed for study in studies}
     taken = stopwatch.now() - begun
     return TradeOff(tuple(points), kind, studies[0].loads, observed, references, runs, taken, float(budget))
+
+
+@dataclass(frozen=True, eq=False)
+class _StudyTask:
+    """A study with the time that it may take, s, as a task; its result holds the points as JSON texts."""
+
+    study: Study
+    seconds: float
+    runs: int
+    stopwatch: Stopwatch
+
+    steps: ClassVar[int] = 1
+    memory: ClassVar[float] = 0.0
+
+    @property
+    def name(self) -> str:
+        return f"study {self.study.name}"
+
+    @property
+    def where(self) -> str:
+        return self.name
+
+    @property
+    def kind(self) -> str:
+        return self.name
+
+    def done(self, part: TaskResult) -> int:
+        return 1
+
+    def solve(self, begun: TaskResult | None = None) -> TaskResult:
+        """Carry out the study from now on."""
+        references: dict[str, str] = {}
+        deadline = Deadline(self.stopwatch, self.stopwatch.now() + self.seconds)
+        points = _carry_out_one(self.study, deadline, self.runs, silent, references)
+        texts = [json.dumps(point.to_dict()) for point in points]
+        return {"points": np.array(texts, str), "made": np.array(list(references.values()), str)}
 
 
 class _Runs(NamedTuple):

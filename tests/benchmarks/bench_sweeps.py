@@ -1,0 +1,96 @@
+"""Sweeps by two workers: what batches, pipes, the store and a scheduler of dask cost beside the tasks themselves.
+
+    python tests/benchmarks --only sweeps
+
+The efficiency is that of tasks that sleep, so that it does not depend on what else the processors do: the time that two
+workers would take if nothing but the tasks took any, over the time that they take. Processes are started beforehand.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from side_by_side import Part, Row
+
+import granphon as gp
+from granphon.sweeps.schedulers import open_executor
+from granphon.sweeps.store import Store
+from granphon.sweeps.tasks import solve_all
+
+#: the workers, by the words of the table
+WORKERS: dict[str, dict[str, Any]] = {"--workers 2": {"workers": 2}, "--scheduler local:2": {"scheduler": "local:2"}}
+#: seconds of a task, number of tasks, least efficiency
+TASKS = ((1.0, 8, 0.9), (0.01, 600, 0.7))
+#: tasks of the averaged lattice, and the time that they may take, s
+MANY, MANY_SECONDS = (250, 400), 60.0
+
+
+class Nap:
+    """A task that sleeps."""
+
+    kind, steps, memory = "nap", 1, 0.0
+
+    def __init__(self, number: int, seconds: float) -> None:
+        self.number, self.seconds = number, seconds
+
+    @property
+    def name(self) -> str:
+        return f"nap-{self.seconds}-{self.number}"
+
+    where = name
+
+    def done(self, part: dict[str, Any]) -> int:
+        return 1
+
+    def solve(self, begun: dict[str, Any] | None = None) -> dict[str, Any]:
+        time.sleep(self.seconds)
+        return {"x": np.array([self.number])}
+
+
+def napping(executor: Executor, seconds: float, count: int) -> float:
+    """The efficiency of two workers."""
+    naps = [Nap(number, seconds) for number in range(count)]
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.perf_counter()
+        solve_all("naps", naps, executor, store=Store(Path(folder) / "store"))
+        return 0.5 * count * seconds / (time.perf_counter() - begun)
+
+
+def efficiencies(repeats: int) -> list[Row]:
+    rows = []
+    for words, how in WORKERS.items():
+        with open_executor(**how) as executor:
+            assert executor is not None
+            solve_all("start", [Nap(-1 - number, 0.2) for number in range(6)], executor)
+            for seconds, count, least in TASKS:
+                best = float(np.median([napping(executor, seconds, count) for _ in range(max(1, repeats // 3))]))
+                what = f"Efficiency of `{words}`, {count} tasks of {seconds:g} s"
+                rows.append(Row(what, best, bound=least, least=True))
+    return rows
+
+
+def many(_: int) -> list[Row]:
+    """A sweep of the averaged lattice over two parameters, each combination a task, with a store."""
+    steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
+    first, second = MANY
+    widths, densities = np.linspace(1e-6, 3e-6, first), np.linspace(7000.0, 8000.0, second)
+    with tempfile.TemporaryDirectory() as folder, open_executor(workers=2) as executor:
+        begun, used = time.perf_counter(), time.process_time()
+        path = Path(folder) / "sweep.nc"
+        ds = gp.sweep(packing, force=5.0, media="ala", width=widths, density=densities, executor=executor, path=path)
+        seconds, used = time.perf_counter() - begun, time.process_time() - used
+        assert ds["longitudinal"].size == first * second
+    load = f"load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    note = f"{1e6 * used / (first * second):.0f} µs of each in the process that sends them; {load}"
+    what = f"{first * second:,} tasks of `ala`, two workers, with files"
+    return [Row(what, seconds, "s", bound=MANY_SECONDS, note=note)]
+
+
+PARTS: dict[str, Part] = {"sweeps": lambda repeats: [*efficiencies(repeats), *many(repeats)]}
