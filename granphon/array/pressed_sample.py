@@ -320,9 +320,9 @@ class PressedSample(Sample):
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.
 
-        ``rotations`` are those of the balls since the start. There are two more arrays: ``tangential_force``, the mean |T|
-        of a ball's contacts over the mean normal force of all, and ``sliding_contacts``, the number of its contacts that
-        carry load and slide. The forces of single contacts are in :attr:`network`, and in its tables.
+        ``rotations`` are those of the balls since the start. There are two more arrays: ``tangential_force``, the mean size
+        of the tangential forces on a ball over the mean normal force of all contacts, and ``sliding_contacts``, the number
+        of its contacts that carry load and slide. The forces of single contacts are in :attr:`network`, and in its tables.
         """
         balls, here = super().atoms(), self.equilibrium
         contacts, stencils = here.contacts, self.equilibrium.stencils
