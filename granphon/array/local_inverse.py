@@ -31,7 +31,8 @@ def invert_blocks(rows: Sequence[ArrayRow], rooms: Rooms, fields: slice, springs
     squares = squares.reshape(2, len(rows), len(pairs))
     extra = least * np.einsum("r,erp->p", [row.ratio for row in rows], squares)
     flat, steps = springs.reshape(len(rows), -1), [rooms.offset(row.shift) for row in rows]
-    room = rooms.zeros(len(pairs), springs.dtype)
+    # in double precision: where few contacts hold a ball, its block is nearly singular
+    room = rooms.zeros(len(pairs))
     sums = room.reshape(len(pairs), -1)
     head, tail = squares.astype(springs.dtype)
     for first, end in rooms.spans(_CACHED):
@@ -39,8 +40,9 @@ def invert_blocks(rows: Sequence[ArrayRow], rooms: Rooms, fields: slice, springs
         sums[:, first:end] += np.einsum("rp,rx->px", tail, part)
         for kind, step in enumerate(steps):
             sums[:, first + step : end + step] += head[kind][:, None] * part[kind]
-    held = rooms.fold(room) + extra.astype(springs.dtype).reshape(-1, *(1,) * len(rooms.shape))
+    held = rooms.fold(room) + extra.reshape(-1, *(1,) * len(rooms.shape))
     _invert_symmetric(held, len(own))
+    held = held.astype(springs.dtype, copy=False)
     where = {pair: slot for slot, pair in enumerate(pairs)}
     return np.stack([np.stack([held[where[min(a, b), max(a, b)]] for b in own]) for a in own])
 
