@@ -15,10 +15,10 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.media.choice import even_shape
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
+from granphon.media.sizes_and_times import even_shape
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.ensemble import Moments, observe
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
