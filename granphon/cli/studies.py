@@ -17,6 +17,7 @@ from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
+    from granphon.media.accuracy import Truth
     from granphon.scene.scene import Scene
 
 __all__ = ["fit_measurements", "measure_tradeoff"]
@@ -171,8 +172,9 @@ def measure_tradeoff(
     """Measure the time, memory and error of the media, and of the settings inside them, for a scene.
 
     Compares, for the balls and the loads of the scene, the averaged lattice and force, the effective medium, and simulations
-    of several sizes; then settings of the Green's function's grid, of the solution of the effective medium, and of the mesh
-    of the density of states if the scene observes it. An error is that of the quantities which the scene observes, against a
+    of several sizes, with arrays at rest without friction, or, if a medium of the scene has friction_history, with arrays
+    loaded so; then settings of the Green's function's grid, of the solution of the effective medium, and of the mesh of the
+    density of states if the scene observes it. An error is that of the quantities which the scene observes, against a
     reference from another algorithm; a time is the median of warm runs. What does not fit into the budget is listed as not
     run. The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
 
@@ -197,7 +199,7 @@ def measure_tradeoff(
         files.require_free()
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
-    given: dict[str, Any] = {load.kind: load.values}
+    given: dict[str, Any] = {load.kind: load.values, **_find_truth(scene, read).options}
     found = tradeoff(
         read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds, most_loads=loads,
         runs=runs, progress=on_stderr(quiet),
@@ -216,6 +218,17 @@ def measure_tradeoff(
         warn(tuple(failures.values()))
         for line in () if quiet else describe_tradeoff(found, read.packing.structure.periods):
             say(line)
+
+
+def _find_truth(scene: str, read: Scene) -> Truth:
+    """Return the truth that the media of a scene name: arrays at rest without friction, unless one has a history."""
+    from granphon.media.accuracy import REST
+
+    found = list(dict.fromkeys(choice.truth for choice in read.media if choice.truth.is_loaded)) or [REST]
+    if len(found) > 1:
+        what = f"the media of {scene} are loaded with friction in {len(found)} ways"
+        raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))
+    return found[0]
 
 
 def _write_study(files: ResultFiles | None, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:

@@ -26,7 +26,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -40,8 +40,11 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
+from granphon.base.validation import choice, require, truth
+from granphon.media.loading import friction_coefficient as read_friction_coefficient
+from granphon.media.loading import refuse_without_history
 
-__all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients"]
+__all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients", "read_truth"]
 
 Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
@@ -80,10 +83,30 @@ class Truth:
         given = {"friction_coefficient": self.friction_coefficient, "shear_response": self.shear_response}
         return {"friction_history": True, **given}
 
-    def __str__(self) -> str:
+    @property
+    def told(self) -> str:
+        """What befell the arrays, in words."""
         if self.friction_coefficient is None:
-            return "arrays at rest without friction"
-        return f"arrays loaded with friction, mu = {self.friction_coefficient:g}, shear_response {self.shear_response}"
+            return "at rest without friction"
+        return f"loaded with friction, mu = {self.friction_coefficient:g}, shear_response {self.shear_response}"
+
+    def __str__(self) -> str:
+        return f"arrays {self.told}"
+
+
+def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shear_response: Any) -> Truth:
+    """Return the truth that the options of ``what`` name, which are those of a :class:`~granphon.DirectSimulation`.
+
+    Raises :class:`~granphon.base.errors.InputError` for an option out of range, a history without a friction coefficient,
+    and options of a history without one.
+    """
+    given: dict[str, Any] = {
+        "friction_history": require("friction_history", truth, friction_history),
+        "friction_coefficient": require("friction_coefficient", read_friction_coefficient, friction_coefficient),
+        "shear_response": require("shear_response", partial(choice, options=SHEAR_RESPONSES), shear_response),
+    }
+    require(what, refuse_without_history, given)
+    return Truth(given["friction_coefficient"], given["shear_response"])
 
 
 #: the truth if no other is named

@@ -18,7 +18,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, real_number, require, truth, whole
-from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy
+from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.loading import (
     GEOMETRIES,
@@ -103,13 +103,9 @@ class AutoMedium(Loaded[ContactState]):
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
         object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
-        given = {
-            name: require(name, OPTIONS[self.name][name].rule, getattr(self, name))
-            for name in ("friction_history", "friction_coefficient", "shear_response")
-        }
-        for name, value in given.items():
-            object.__setattr__(self, name, value)
-        require(type(self).__name__, refuse_without_history, given)
+        found = read_truth("AutoMedium", self.friction_history, self.friction_coefficient, self.shear_response)
+        object.__setattr__(self, "friction_history", found.is_loaded)
+        object.__setattr__(self, "friction_coefficient", found.friction_coefficient)
 
     @property
     def truth(self) -> Truth:
@@ -271,6 +267,12 @@ class MediumChoice:
     def settings(self) -> dict[str, Any]:
         """Every option with its value, defaults included; a shape whose default depends on the lattice is None."""
         return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
+
+    @property
+    def truth(self) -> Truth:
+        """The simulated arrays that it names: loaded with friction if it has a history, otherwise at rest without."""
+        found = self.settings
+        return Truth(found.get("friction_coefficient"), found.get("shear_response", REST.shear_response))
 
     @property
     def simulates(self) -> bool:
