@@ -64,7 +64,6 @@ SIDE, SAMPLES, TRUE_SIDE, TRUE_SAMPLES = 32, 4, 40, 4
 DISTRIBUTIONS = (
     "uniform", "normal, cut at 2", "normal, cut at 6", "two kinds, 0.2 of them larger", "two kinds, 0.5 of them larger",
     "two kinds, 0.8 of them larger", "tail upwards", "tail downwards", "three kinds, 0.2 in the middle",
-    "three kinds, 0.65 in the middle", "two kinds, 0.33 of them larger", "two kinds, 0.67 of them larger",
 )  # fmt: skip
 #: distributions of ``accuracy.other_shapes`` that are held back
 HELD_BACK = ("uniform", "normal, cut at 2.5", "two kinds, 0.3 of them larger", "four kinds", "a lot of 40 balls, lognormal")
