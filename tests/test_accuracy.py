@@ -400,6 +400,7 @@ def errors_of_truth(mu, response):
 
 def test_the_table_with_friction_is_complete_and_knows_its_script(presser):
     data, media = loaded(), (*MEDIA, FRICTIONLESS, "simulation")
+    assert (BENCHMARKS.parents[1] / data["made_by"]).samefile(presser.__file__)
     assert data["distributions"] == list(presser.DISTRIBUTIONS)
     assert data["loads"] == {"force": list(presser.FORCES), "overlap": list(presser.SPACINGS)}
     assert (data["shape"], data["samples"]) == ([32, 32], presser.SAMPLES)

@@ -164,6 +164,7 @@ def table(found: Mapping[str, list[tuple[Key, Array, Array]]]) -> dict[str, Any]
 
     forms = np.abs([compute_form_coefficients(shapes()[label].shape) for label in found]).max(axis=0)
     return {
+        "made_by": "tests/benchmarks/accuracy_with_friction.py",
         "shape": even_shape(find_lattice(LATTICE), SIDE),
         "samples": SAMPLES,
         "distributions": list(found),
