@@ -198,7 +198,7 @@ class Trial(NamedTuple):
 def trials(seed: int, loads: int) -> Iterator[Trial]:
     """Random Poisson ratios, friction coefficients, responses and loads, for each distribution that is held back.
 
-    Seeds, and the width and material of the balls, are others than those of the table.
+    Seeds, Poisson ratios and friction coefficients are others than those of the table. Width and modulus scale the units.
     """
     draw = np.random.default_rng(seed)
     shape = even_shape(find_lattice(LATTICE), TRUE_SIDE)
