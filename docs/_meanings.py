@@ -52,6 +52,7 @@ DEFAULTS = {
     "medium": "`ema`; `ala` for equal balls",
     "cluster.balls": "the first shell",
     "simulation.friction_coefficient": "required with `friction_history`",
+    "auto.friction_coefficient": "required with `friction_history`",
     "simulation.start": "`0.5`",
     "sweep": "none",
     "direction": "x",
@@ -116,8 +117,10 @@ RUNG_OPTIONS = {
     "simulation.step_tolerance": "relative change of the force by which steps of the load may be wrong",
     "simulation.ordered": "take the loads in the order given, up and down; else from the lowest to the highest",
     "auto.tolerance": "largest expected relative error of velocities and frequencies",
-    "auto.friction_history": "whether truth is an array loaded with friction; `auto` is then refused, as no errors are "
-    "known",
+    "auto.friction_history": "whether errors are relative to arrays [loaded with friction]"
+    "(../how-to/tradeoff.md#arrays-loaded-with-friction)",
+    "auto.friction_coefficient": "of these arrays; needed with `friction_history`, and only then",
+    "auto.shear_response": "of these arrays to sound, as of a `simulation`",
 }
 PACKINGS = {
     "young_modulus": "Young modulus",

@@ -20,13 +20,15 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, _sort_options, even_shape, expected_error, medium
+from granphon.media.choice import MediumChoice, _sort_options, expected_error, medium
+from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.sweep import sweep
 
 WIDTH = 2.04e-6
 KINDS = ("force", "pressure", "overlap")
+AUTO = "tolerance, friction_history, friction_coefficient, shear_response"
 SCENE = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
 packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
@@ -430,6 +432,87 @@ def test_finite_overlap_is_refused(rough):
         sweep(rough, force=[10.0], media="auto", finite_overlap=True)
 
 
+# -- arrays loaded with friction ------------------------------------------------------------------------------------------
+
+HISTORY = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": "stick"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit, kind):
+    """Of the same media, the simulation at rest without friction, and the one that is loaded with it."""
+    truth = gp.AutoMedium(rough, **HISTORY).truth
+    assert str(truth) == "arrays loaded with friction, mu = 0.2, shear_response stick"
+    loads = {"force": unit, "pressure": 3.0**0.5 / rough.diameter * unit, "overlap": rough.width}[kind]
+    loads = loads * (np.array([0.1, 0.3, 0.8]) if kind == "overlap" else np.array([0.05, 0.3, 2.0]))
+    options = _sort_options(rough, Load(kind, loads), truth)
+    errors = np.array([expected_error(one, rough, Load(kind, loads), truth) for one in options])
+    media = set()
+    for tolerance in (0.2, 0.05, 0.01, 2e-3):
+        found = gp.AutoMedium(rough, tolerance, **HISTORY).rungs(kind, loads)
+        media |= {(rung.medium.name, rung.medium.settings.get("friction_history", False)) for rung in found}
+        for rung in found:
+            assert rung.truth == truth
+            assert np.all(rung.errors <= tolerance)
+            assert_array_equal(np.argmax(errors <= tolerance, axis=0)[rung.loads], options.index(rung.medium))
+    assert media >= {("ala", False), ("afa", False), ("simulation", True)}
+
+
+def test_a_simulation_without_friction_is_off_by_its_chance_and_by_what_friction_does(rough, unit):
+    load = Load("force", np.array([0.1, 1.0]) * unit)
+    truth = gp.AutoMedium(rough, **HISTORY).truth
+    rest, loaded = (MediumChoice.parse({"simulation": {"shape": (32, 32), **more}}) for more in ({}, HISTORY))
+    friction, chance = accuracy().error("frictionless", rough, load, truth=truth), expected_error(rest, rough, load)
+    assert_allclose(expected_error(rest, rough, load, truth), friction + chance, rtol=1e-12)
+    assert_array_equal(expected_error(loaded, rough, load, truth), accuracy().error("simulation", rough, load, 1024, truth))
+    # one that is loaded in another way, or is compared with arrays at rest without friction, has no known error
+    for other in ({"friction_coefficient": 0.3}, {"shear_response": "slide"}, {"start": 0.6}, {"ordered": True}):
+        one = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY, **other}})
+        assert np.all(np.isinf(expected_error(one, rough, load, truth)))
+    assert np.all(np.isinf(expected_error(loaded, rough, load)))
+
+
+def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit):
+    state = gp.AutoMedium(rough, 0.1, friction_history=True, friction_coefficient=0.2).at_force(0.05 * unit)
+    own = {"shape": (16, 16), "friction_history": True, "friction_coefficient": 0.2}
+    alone = gp.DirectSimulation(rough, **own).at_force(0.05 * unit)
+    assert state.chosen
+    assert state.valid
+    assert_array_equal(state.elastic_tensor, alone.elastic_tensor)
+
+
+def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
+    auto = gp.AutoMedium(rough, 1e-6, **HISTORY)
+    with pytest.raises(InputError, match=r"against arrays loaded with friction, mu = 0\.2.*1,.* balls"):
+        auto.rungs("force", 0.1 * unit)
+    with pytest.raises(InputError, match=r"They are known from f\* = 0\.035 on"):
+        auto.rungs("force", 0.02 * unit)
+    with pytest.raises(InputError, match="friction_coefficient: found -1"):
+        replace(auto, friction_coefficient=-1.0)
+    with pytest.raises(InputError, match="shear_response"):
+        replace(auto, shear_response="slip")
+    # if no medium serves both loads, the largest sample of the truth does
+    best = expected_error(auto.serving("force", 100.0 * unit), rough, Load("force", 100.0 * unit), auto.truth)
+    assert np.isfinite(best)
+
+
+@pytest.mark.parametrize(("truth", "medium"), [("slide", "simulation"), ("stick", "afa")])
+def test_a_scene_names_the_friction_of_the_truth(work, capsys, truth, medium):
+    """At f* = 0.1 sound meets arrays that slide as no medium has it."""
+    history = f"friction_history: true, friction_coefficient: 0.2, shear_response: {truth}, tolerance: 0.1"
+    text = SCENE.replace("18.446 N", "2.2 N").replace("tolerance: 2e-3", history)
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 0
+    told = f"against arrays loaded with friction, mu = 0.2, shear_response {truth}"
+    assert told in capsys.readouterr().out
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
+    summary = YAML(typ="safe").load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
+    assert summary["choice"].startswith(medium)
+    assert ("friction_history=true" in summary["choice"]) == (medium == "simulation")
+    assert told.endswith(summary["truth"])
+    assert summary["expected_error"] <= 0.1
+    assert Scene.from_yaml("out/scene.yaml").rung.medium == Scene.from_yaml("scene.yaml").rung.medium
+
+
 # -- scenes and the command line ----------------------------------------------------------------------------------------
 
 
@@ -461,10 +544,22 @@ def test_spellings_of_a_scene(text, tolerance):
         ("{auto: {tolerance: }}", "medium.auto.tolerance: found nothing; allowed: "),
         ("{auto: {tolerance: [1e-3, 1e-2]}}", "medium.auto.tolerance: found"),
         ("{auto: {tolerance: true}}", "medium.auto.tolerance: found true; allowed: "),
-        ("{auto: {tol: 1e-3}}", "medium.auto.tol: found an unknown key; allowed: tolerance, friction_history."),
-        ("{auto: {shape: 8 8}}", "medium.auto.shape: found an unknown key; allowed: tolerance, friction_history."),
-        ("{auto: 1e-3}", "medium.auto: found 0.001; allowed: a block of keys: tolerance, friction_history."),
-        ("{auto: ema}", "medium.auto: found 'ema'; allowed: a block of keys: tolerance, friction_history."),
+        (
+            "{auto: {tol: 1e-3}}",
+            f"medium.auto.tol: found an unknown key; allowed: {AUTO}.",
+        ),
+        (
+            "{auto: {shape: 8 8}}",
+            f"medium.auto.shape: found an unknown key; allowed: {AUTO}.",
+        ),
+        (
+            "{auto: 1e-3}",
+            f"medium.auto: found 0.001; allowed: a block of keys: {AUTO}.",
+        ),
+        (
+            "{auto: ema}",
+            f"medium.auto: found 'ema'; allowed: a block of keys: {AUTO}.",
+        ),
         ("Auto", "Did you mean 'auto'?"),
         ("automatic", "medium: found 'automatic'; allowed: "),
         ("[auto, {auto: {tolerance: 1e-3}}]", "medium"),
@@ -482,6 +577,7 @@ def test_a_run_says_what_was_chosen_and_what_is_expected(work, rough):
     assert summary["choice"] == rung.medium.label == "ema"
     assert summary["expected_error"] == rung.errors[0]
     assert summary["units"]["expected_error"] == "1"
+    assert summary["truth"] == "arrays at rest without friction"
     assert summary["longitudinal"] == gp.sound_velocities(gp.EffectiveMedium(rough).at_force(18.446)).longitudinal
     assert summary["local_field"]["xi"] == gp.EffectiveMedium(rough).local_field.xi
     # the scene beside it gives the same again
@@ -500,7 +596,9 @@ def test_a_run_that_chose_a_simulation_writes_its_sample(work):
 
 def test_a_check_says_what_would_be_chosen(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
-    assert "ema, expected error 0.0" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "ema, expected error 0.0" in out
+    assert "against arrays at rest without friction" in out
     (work / "scene.yaml").write_text(SCENE.replace("spread: {uniform: 2.04 um}", "friction: true"), encoding="utf-8")
     assert main(["check", "scene.yaml"]) == 0
     assert "ala, exact for equal balls" in capsys.readouterr().out

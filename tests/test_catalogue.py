@@ -71,7 +71,7 @@ def test_every_entry_has_a_title_and_numbers_have_a_unit(name):
     one = CATALOGUE[name]
     assert one.name == name
     assert one.title
-    assert one.unit or name in ("regime", "choice", "friction", "spread", "lattice", "motions")
+    assert one.unit or name in ("regime", "choice", "truth", "friction", "spread", "lattice", "motions")
 
 
 def test_an_axis_says_what_and_in_which_unit():

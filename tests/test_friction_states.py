@@ -565,11 +565,13 @@ def test_what_a_history_does_not_have():
         gp.HertzMindlin(state).calculate(state.sample.atoms())
 
 
-def test_an_automatic_medium_has_no_table_for_it():
-    equal = gp.Packing(STEEL, diameter=8e-3)
-    assert MediumChoice.parse({"auto": {"friction_history": True}}).of(equal).at_force(1.0).medium == "ala"
-    with pytest.raises(InputError, match="errors of the media are not known for samples loaded with friction"):
-        MediumChoice.parse({"auto": {"friction_history": True}}).of(PACKING).at_force(1.0)
+def test_an_automatic_medium_names_the_friction_of_its_truth():
+    equal, given = gp.Packing(STEEL, diameter=8e-3), {"friction_history": True, "friction_coefficient": 0.2}
+    assert MediumChoice.parse({"auto": given}).of(equal).at_force(1.0).medium == "ala"
+    with pytest.raises(InputError, match=r"friction_coefficient: found no friction_coefficient"):
+        MediumChoice.parse({"auto": {"friction_history": True}})
+    with pytest.raises(InputError, match=r"friction_coefficient: found 0.2 without friction_history"):
+        gp.AutoMedium(PACKING, friction_coefficient=0.2)
     assert MediumChoice.parse("auto") == MediumChoice.parse({"auto": {"friction_history": False}})
 
 
@@ -668,7 +670,8 @@ def test_a_width_is_fitted_with_friction():
         (options("geometry: round"), "geometry: found 'round'; allowed: lattice, exact"),
         (options(*HISTORY, "shear_response: slip"), "shear_response: found 'slip'"),
         (options("friction_histroy: true"), "Did you mean 'friction_history'"),
-        ("{auto: {friction_history: true}}", "errors of the media are not known for samples loaded with friction"),
+        ("{auto: {friction_history: true}}", "medium.auto.friction_coefficient: found no friction_coefficient"),
+        ("{auto: {friction_history: true, friction_coefficient: 0.05}}", "friction coefficients from 0.1 on, not for 0.05"),
         ("{ema: {friction_history: true}}", "found an unknown key"),
     ],
 )

@@ -533,6 +533,51 @@ def reference(rough):
     return MediaStudy(disorder(rough)).find_reference(whenever(), lambda one: True, WorkCounter())
 
 
+def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, monkeypatch):
+    """Of a few balls, just above the start of the loading: the reference is the mean of the same samples, loaded so."""
+    monkeypatch.setattr("granphon.tradeoffs.media_study._CHECKED_SIDES", {2: 4})
+    monkeypatch.setattr("granphon.tradeoffs.media_study._SAMPLES_BETWEEN_LOOKS", 3)
+    force = 0.05 * rough.law.coefficient * rough.width**1.5
+    truth = gp.AutoMedium(rough, friction_history=True, friction_coefficient=0.5, shear_response="stick").truth
+    study = MediaStudy(replace(disorder(rough, (force,)), truth=truth), sides=(6,), counts=(1,), reference_side=6)
+    made = study.find_reference(whenever(), lambda one: True, WorkCounter())
+    assert "3 samples of 6 x 6 balls loaded with friction, mu = 0.5, shear_response stick" in made.made
+    assert "steps of a tenth of the tolerance differ by" in made.made
+    loaded = gp.DirectSimulation(rough, (6, 6), 1_000_000, 3, **truth.options).at_force(force)
+    assert_allclose(made.values[0], observe(loaded), rtol=1e-3)
+    methods = {point.method: point for point in study.make_points()}
+    assert {"simulation, 1 sample", "simulation with friction, 1 sample"} < set(methods)
+    assert methods["simulation with friction, 1 sample"].prepare(0).friction_coefficient == 0.5
+    assert not methods["simulation, 1 sample"].prepare(0).friction_history
+    assert "at rest without friction" in MediaStudy(disorder(rough, (force,)), reference_side=6).find_reference(
+        whenever(), lambda one: True, WorkCounter()
+    ).made  # fmt: skip
+
+
+def test_a_scene_with_a_history_names_the_truth_of_a_trade_off(tmp_path, monkeypatch, rough):
+    asked = []
+
+    def choose(*given):
+        asked.append(given[-1])
+        raise InputError("enough")
+
+    monkeypatch.setattr(tradeoffs, "choose_studies", choose)
+    scene = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: 6 N}
+medium: [ema, {simulation: {%s}}, {auto: {tolerance: 0.1, friction_history: true, friction_coefficient: 0.2}}]
+"""
+    file = tmp_path / "scene.yaml"
+    for mu in ("0.2", "0.5"):
+        file.write_text(scene % f"friction_history: true, friction_coefficient: {mu}", encoding="utf-8")
+        assert main(["tradeoff", str(file)]) == 2
+    # media that are loaded in two ways leave two truths
+    assert [str(one) for one in asked] == ["arrays loaded with friction, mu = 0.2, shear_response slide"]
+    with pytest.raises(InputError, match="found no friction_coefficient"):
+        tradeoff(rough, force=1.0, friction_history=True)
+
+
 def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, found, reference):
     for method, knob, medium in (
         ("averaged lattice", "ala", gp.AveragedLattice), ("averaged force", "afa", gp.AveragedForce),

@@ -17,6 +17,7 @@ from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
+    from granphon.media.accuracy import Truth
     from granphon.scene.scene import Scene
 
 __all__ = ["fit_measurements", "measure_tradeoff"]
@@ -176,11 +177,12 @@ def measure_tradeoff(
     """Measure time, memory and error of the media for a scene.
 
     For the balls and the loads of the scene it compares the averaged lattice, the averaged force, the effective medium, and
-    simulations of several sizes. It also compares settings: the grid of the Green's function, the solution of the effective
-    medium, and the mesh of the density of states if the scene observes it. An error is that of the observed quantities,
-    against a reference from another algorithm. A time is the median of warm runs, measured by
-    the worker: --workers and --scheduler need an idle processor for each study. What does not fit into the budget is
-    listed as not run. The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
+    simulations of several sizes, with arrays at rest without friction or, if a medium of the scene has friction_history,
+    with arrays loaded with friction. It also compares settings: the grid of the Green's function, the solution of the
+    effective medium, and the mesh of the density of states if the scene observes it. An error is that of the observed
+    quantities, against a reference from another algorithm. A time is the median of warm runs, measured by the worker:
+    --workers and --scheduler need an idle processor for each study. What does not fit into the budget is listed as not run.
+    The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
 
     \b
     Examples:
@@ -205,7 +207,7 @@ def measure_tradeoff(
         files.require_free()
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
-    given: dict[str, Any] = {load.kind: load.values}
+    given: dict[str, Any] = {load.kind: load.values, **_find_truth(scene, read).options}
     with open_executor(workers, scheduler) as executor:
         found = tradeoff(
             read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds,
@@ -225,6 +227,17 @@ def measure_tradeoff(
         warn(tuple(failures.values()))
         for line in () if quiet else describe_tradeoff(found, read.packing.structure.periods):
             say(line)
+
+
+def _find_truth(scene: str, read: Scene) -> Truth:
+    """Return the truth that the media of a scene name: arrays at rest without friction, unless one has a history."""
+    from granphon.media.accuracy import REST
+
+    found = list(dict.fromkeys(choice.truth for choice in read.media if choice.truth.is_loaded)) or [REST]
+    if len(found) > 1:
+        what = f"the media of {scene} are loaded with friction in {len(found)} ways"
+        raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))
+    return found[0]
 
 
 def _write_study(files: ResultFiles | None, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:

@@ -129,9 +129,10 @@ def _count(number: int, one: str, many: str) -> str:
 
 
 def describe_choice(rung: Rung) -> str:
-    """Text of the medium that an automatic medium has chosen, and of its expected relative error."""
+    """Text of the medium that an automatic medium has chosen, and of its expected relative error and against what."""
     error = float(rung.errors[0])
-    return f"{rung.medium.label}, expected error {error:.2g}" if error else f"{rung.medium.label}, exact for equal balls"
+    told = f"expected error {error:.2g} against {rung.truth}" if error else "exact for equal balls"
+    return f"{rung.medium.label}, {told}"
 
 
 def describe_cost(cost: Cost) -> str:

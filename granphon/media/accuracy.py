@@ -14,6 +14,10 @@ velocities are the longitudinal and the transverse one; in space, all three alon
 faces and its own diagonal (in hcp in the layers, across them and between).
 
 On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
+
+On the triangular lattice ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against another truth
+(:class:`Truth`): arrays that were loaded with friction. Without a history their simulation is a medium like the others, and
+its error is what friction in the statics does.
 """
 
 from __future__ import annotations
@@ -21,28 +25,92 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
 from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
+from granphon.base.validation import choice, require, truth
+from granphon.media.loading import friction_coefficient as read_friction_coefficient
+from granphon.media.loading import refuse_without_history
 
-__all__ = ["DEVIATIONS", "Accuracy", "accuracy", "compute_form_coefficients"]
+__all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients", "read_truth"]
 
 Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
 #: table include a margin
 DEVIATIONS = 2.5
+#: name in the table of what the samples of a simulation at rest without friction are off from those loaded with friction
+FRICTIONLESS = "frictionless"
 #: of the form of the file
-_SCHEMA = 2
+_SCHEMA = 3
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The simulated arrays that errors are relative to: at rest without friction, or loaded with friction.
+
+    Attributes
+    ----------
+    friction_coefficient : mu of a loading from rest without friction at a* = 1/2; None for arrays at rest without friction.
+    shear_response : of arrays loaded with friction to sound, one of
+        :data:`~granphon.array.pressed_sample.SHEAR_RESPONSES`.
+    """
+
+    friction_coefficient: float | None = None
+    shear_response: str = SHEAR_RESPONSES[0]
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether the arrays were loaded with friction."""
+        return self.friction_coefficient is not None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the simulations that are samples of this truth, besides their number and shape."""
+        if not self.is_loaded:
+            return {}
+        given = {"friction_coefficient": self.friction_coefficient, "shear_response": self.shear_response}
+        return {"friction_history": True, **given}
+
+    @property
+    def told(self) -> str:
+        """What befell the arrays, in words."""
+        if self.friction_coefficient is None:
+            return "at rest without friction"
+        return f"loaded with friction, mu = {self.friction_coefficient:g}, shear_response {self.shear_response}"
+
+    def __str__(self) -> str:
+        return f"arrays {self.told}"
+
+
+def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shear_response: Any) -> Truth:
+    """Return the truth that the options of ``what`` name, which are those of a :class:`~granphon.DirectSimulation`.
+
+    Raises :class:`~granphon.base.errors.InputError` for an option out of range, a history without a friction coefficient,
+    and options of a history without one.
+    """
+    given: dict[str, Any] = {
+        "friction_history": require("friction_history", truth, friction_history),
+        "friction_coefficient": require("friction_coefficient", read_friction_coefficient, friction_coefficient),
+        "shear_response": require("shear_response", partial(choice, options=SHEAR_RESPONSES), shear_response),
+    }
+    require(what, refuse_without_history, given)
+    return Truth(given["friction_coefficient"], given["shear_response"])
+
+
+#: the truth if no other is named
+REST = Truth()
 
 
 def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
@@ -68,18 +136,20 @@ class Accuracy:
         parts: Mapping[str, Any] = self.data["lattices"]
         return parts
 
-    def _of(self, structure: Lattice) -> Mapping[str, Any] | None:
+    def _of(self, structure: Lattice, truth: Truth) -> Mapping[str, Any] | None:
         """Return the part of a lattice, or None."""
-        return self._parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
+        parts: Mapping[str, Any] = self.data["loaded"] if truth.is_loaded else self._parts
+        return parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
 
-    def explain_uncovered(self, packing: Packing) -> str | None:
-        """Return the reason why the table does not cover a packing; None if it does."""
+    def explain_uncovered(self, packing: Packing, truth: Truth = REST) -> str | None:
+        """Return the reason why the table does not cover a packing, or a truth; None if it does."""
         if not packing.spread_matters:
             return None
-        part = self._of(packing.structure)
+        part = self._of(packing.structure, truth)
         if part is None:
-            known = ", ".join(self._parts)
-            return f"none were measured on the {packing.structure.name} lattice; they were on {known}"
+            known = ", ".join(self.data["loaded"] if truth.is_loaded else self._parts)
+            against = " against arrays loaded with friction" if truth.is_loaded else ""
+            return f"none were measured on the {packing.structure.name} lattice{against}; they were on {known}"
         if packing.structure.periods == 2 and packing.motions not in (None, IN_PLANE.name):
             return "the errors are those of balls that move in the plane alone"
         if packing.torsion or packing.bending:
@@ -89,14 +159,14 @@ class Accuracy:
         if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
             known = f"skewness up to {most['skewness']:.3g}, excess kurtosis up to {most['kurtosis']:.3g}"
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
-        return None
+        return _explain_uncovered_truth(part, packing.mindlin_ratio, truth.friction_coefficient)
 
-    def least(self, packing: Packing, kind: str) -> float:
+    def least(self, packing: Packing, kind: str, truth: Truth = REST) -> float:
         """Return the least load from which errors are known: a* for the kind "overlap", f* for the others.
 
         It is zero where every medium is exact. The packing must be one that the table covers.
         """
-        part = self._of(packing.structure)
+        part = self._of(packing.structure, truth)
         return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
 
     def reduced(self, packing: Packing, load: Load) -> Array:
@@ -109,36 +179,66 @@ class Accuracy:
                 values = values * (packing.diameter ** (packing.structure.periods - 1) / packing.structure.pressure_factor)
             return np.asarray(packing.width_units.reduced_force(values))
 
-    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
+    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: Truth = REST) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
-        ``balls`` is the number of balls of a simulation, in all its samples. The error is zero for equal balls and on a
-        line, and +inf for packings that the table does not cover and below its least load. Above its greatest load the error
-        falls as the square of the spread over the overlap, which is the law of high loads.
+        ``medium`` is one of :meth:`media`, of which the simulation is one of the ``truth`` itself; or, of arrays loaded with
+        friction, :data:`FRICTIONLESS`. ``balls`` is the number of balls of a simulation, in all its samples. The error is
+        zero for equal balls and on a line, and +inf for packings and truths that the table does not cover and below its
+        least load. Between friction coefficients of the table the larger error counts. Above its greatest load the error
+        falls as the square of the spread over the overlap, which is the law of high loads; against arrays that respond with
+        partial slip, whose contacts are softer by |T|/(3 mu f), it falls as the spread over the overlap.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
-        part = self._of(packing.structure)
-        if part is None or self.explain_uncovered(packing) is not None:
+        part = self._of(packing.structure, truth)
+        if part is None or self.explain_uncovered(packing, truth) is not None:
             return np.full(load.shape, np.inf)
-        table = _name_tabulated_kind(load.kind)
-        at, known = np.array(part["loads"][table]), part["errors"][_name_family(packing)][table][medium]
-        rows = np.array(known)[_select_rows(part["mindlin_ratios"], packing.mindlin_ratio)].max(axis=0)
+        table, chosen = _name_tabulated_kind(load.kind), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
+        at, family = np.array(part["loads"][table]), _name_family(packing)
+        known = [np.array(errors[family][table][medium])[chosen] for errors in _select_errors(part, truth)]
+        rows = np.concatenate(known).max(axis=0)
+        power = 1.0 if truth.is_loaded and truth.shear_response == "partial_slip" else 2.0
         place = np.maximum(self.reduced(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
             times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
-            found = np.where(place > at[-1], rows[-1] / np.maximum(times, 1.0) ** 2, found)
+            found = np.where(place > at[-1], rows[-1] / np.maximum(times, 1.0) ** power, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= at[0], found, np.inf))
 
 
-def _select_rows(known: Sequence[float], eta: float) -> list[int]:
-    """Return the rows of the tabulated eta next below and above ``eta``, or the one row that has it."""
-    above = min(int(np.searchsorted(known, eta)), len(known) - 1)
+def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, mu: float | None) -> str | None:
+    """Return the reason why the part of a lattice does not cover arrays loaded with this mu; None if it does."""
+    if mu is None:
+        return None
+    low, high = min(part["mindlin_ratios"]), max(part["mindlin_ratios"])
+    if eta == 0.0:
+        return "the balls resist no slip, so that no friction loads them"
+    if not low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9):
+        found = f"with friction in the statics they were measured for Mindlin ratios from {low:.3g} to {high:.3g}"
+        return f"{found}, not for {eta:.3g}"
+    least = min(float(one["friction_coefficient"]) for one in part["truths"])
+    if mu < least:
+        return f"they were measured for friction coefficients from {least:g} on, not for {mu:g}"
+    return None
+
+
+def _select_errors(part: Mapping[str, Any], truth: Truth) -> list[Mapping[str, Any]]:
+    """Return the errors of the part of a lattice against a truth; those of both neighbours of its friction coefficient."""
+    if truth.friction_coefficient is None:
+        return [part["errors"]]
+    known = [one for one in part["truths"] if one["shear_response"] == truth.shear_response]
+    chosen = _select_rows([float(one["friction_coefficient"]) for one in known], truth.friction_coefficient)
+    return [known[row]["errors"] for row in chosen]
+
+
+def _select_rows(known: Sequence[float], value: float) -> list[int]:
+    """Return the rows of the tabulated values next below and above ``value``, or the one row that has it."""
+    above = min(int(np.searchsorted(known, value)), len(known) - 1)
     beside = [max(above - 1, 0), above]
-    return [row for row in beside if math.isclose(known[row], eta)] or beside
+    return [row for row in beside if math.isclose(known[row], value)] or beside
 
 
 def _name_family(packing: Packing) -> str:

@@ -12,16 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.pressed_sample import SHEAR_RESPONSES
-from granphon.balls.distributions import PointShape
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, real_number, require, truth, whole
-from granphon.media.accuracy import accuracy
+from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy, read_truth
 from granphon.media.cluster import ClusterMedium
-from granphon.media.cost import estimate
 from granphon.media.loading import (
     GEOMETRIES,
     LOADING_OPTIONS,
@@ -34,6 +32,7 @@ from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveM
 from granphon.media.medium import Loaded, Medium
 from granphon.media.sampled_balls import DEFAULT_SHAPES, MOST_SEED
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
+from granphon.media.sizes_and_times import MOMENT, SIDES, even_shape, simulating_time, solving_time
 from granphon.media.state import ContactState, overlap_flag
 
 __all__ = [
@@ -43,37 +42,16 @@ __all__ = [
     "MediumChoice",
     "Option",
     "Rung",
-    "even_shape",
     "expected_error",
     "medium",
     "no_simulation",
-    "solving_time",
 ]
 
 Array = NDArray[np.float64]
-#: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
-_SIDES = {
-    2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
-    3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
-}
 #: rule of validation for a relative error
 relative_error: Rule = partial(number, low=1e-12, high=0.99)
 #: rule of validation for the cells of a sample along each period of its lattice
 _cells = partial(lengths, low=1, high=20_000)
-#: rough time of the effective medium for a density of diameters, s
-_DENSITY_TIME = 0.03
-#: rough time of the effective medium for 64 listed diameters, s
-_LIST_TIME = 0.25
-#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2
-_LIST_OPENINGS = 2080.0
-#: exponent with which the time for listed diameters grows with the number of these overlaps
-_LIST_POWER = 1.25
-#: rough time of a simulation besides the time for its balls, s
-_SIMULATION_TIME = 0.04
-#: rough time for each ball of a simulation, s
-_BALL_TIME = 3e-6
-#: time below which work is done even when a scene is only checked and not run, s
-_MOMENT = 0.1
 
 
 @dataclass(frozen=True)
@@ -88,25 +66,29 @@ class Option:
 class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
-    Errors are relative errors of velocities and frequencies at the given load, as measured against simulated arrays. A
-    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube
-    of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate
-    enough at all of these loads; :meth:`rungs` chooses for each load.
+    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`, against
+    simulated arrays, the :attr:`truth`: at rest without friction, or, with ``friction_history``, loaded with friction from
+    the default start. A simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular
+    lattice, and a cube of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one
+    medium that is accurate enough at all of these loads; :meth:`rungs` chooses for each load.
 
     Parameters
     ----------
     packing : the balls.
     tolerance : largest expected relative error.
-    friction_history : whether the truth is that of samples loaded with friction. Errors are known against samples that come
-        to rest without friction alone: with a history, balls that differ have no automatic medium.
+    friction_history : whether the truth is that of samples loaded with friction; media without a history, and the simulation
+        that has it, are then chosen among.
+    friction_coefficient, shear_response : of such a truth, as those of a :class:`~granphon.DirectSimulation`; a history
+        needs the former.
 
     Raises
     ------
-    InputError : a tolerance that is not between 1e-12 and 0.99. From ``at_*`` and :meth:`rungs`: a load at which no medium
-        is within the tolerance (the message gives the smallest error available); a load below those for which errors are
-        known; a packing for which errors are not known, as on another lattice than these (on a line every medium is exact),
-        with torsion or bending, or with too skewed a distribution, and with ``friction_history``. From ``at_*``: finite
-        overlap, which a simulation does not offer.
+    InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction coefficient, or the reverse.
+        From ``at_*`` and :meth:`rungs`: a load at which no medium is within the tolerance (the message gives the smallest
+        error available); a load below those for which errors are known; a packing for which errors are not known, as on
+        another lattice than these (on a line every medium is exact), with torsion or bending, or with too skewed a
+        distribution; with a history on another lattice than the triangular one, for friction coefficients below 0.1, and
+        for balls without friction. From ``at_*``: finite overlap, which a simulation does not offer.
     """
 
     name: ClassVar[str] = "auto"
@@ -114,12 +96,21 @@ class AutoMedium(Loaded[ContactState]):
     packing: Packing
     tolerance: float = 1e-3
     friction_history: bool = False
+    friction_coefficient: float | None = None
+    shear_response: str = SHEAR_RESPONSES[0]
 
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
         object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
-        object.__setattr__(self, "friction_history", require("friction_history", truth, self.friction_history))
+        found = read_truth("AutoMedium", self.friction_history, self.friction_coefficient, self.shear_response)
+        object.__setattr__(self, "friction_history", found.is_loaded)
+        object.__setattr__(self, "friction_coefficient", found.friction_coefficient)
+
+    @property
+    def truth(self) -> Truth:
+        """The simulated arrays that expected errors are relative to."""
+        return Truth(self.friction_coefficient, self.shear_response)
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
@@ -131,7 +122,7 @@ class AutoMedium(Loaded[ContactState]):
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            Rung(option, place, self.packing, load[place], chosen=True)
+            Rung(option, place, self.packing, load[place], chosen=True, truth=self.truth)
             for option, place in zip(options, places, strict=True)
             if place.size
         ]
@@ -143,23 +134,18 @@ class AutoMedium(Loaded[ContactState]):
         """
         options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        # if no option serves every load, the largest simulation does: it is best wherever another medium would serve
-        return options[serves[0]] if serves.size else max(options, key=lambda option: option.settings.get("shape", (0,)))
+        # if no option serves every load, the largest simulation of the truth does: it is best wherever another would serve
+        return options[serves[0]] if serves.size else max(options, key=_rank)
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
 
         Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
         """
-        if self.friction_history and self.packing.spread_matters:
-            what = "the errors of the media are not known for samples loaded with friction"
-            truth_of = "They were measured against samples that come to rest without friction"
-            mend = "Name a medium, such as simulation with friction_history, which is the truth itself"
-            raise InputError(message(what, truth_of, mend))
-        if (why := accuracy().explain_uncovered(self.packing)) is not None:
+        if (why := accuracy().explain_uncovered(self.packing, self.truth)) is not None:
             raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
-        options = _sort_options(self.packing, load)
-        errors = np.array([expected_error(option, self.packing, load) for option in options])
+        options = _sort_options(self.packing, load, self.truth)
+        errors = np.array([expected_error(option, self.packing, load, self.truth) for option in options])
         best = np.min(errors, axis=0)
         if np.any(best > self.tolerance):
             worst = int(np.argmax(best))
@@ -170,14 +156,14 @@ class AutoMedium(Loaded[ContactState]):
 
     def _explain_unmet(self, load: Load, best: float) -> InputError:
         structure = self.packing.structure
-        where = load.describe(structure.periods)
+        where = load.describe(structure.periods) + f" against {self.truth}" * self.truth.is_loaded
         if np.isfinite(best):
             what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
-            balls = math.prod(even_shape(structure, _SIDES[structure.periods][-1])) * structure.n_balls
+            balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
             why = f"The smallest expected error there is {best:.2g}, of a simulation of {balls:,} balls"
             return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
         name = "a*" if load.kind == "overlap" else "f*"
-        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(self.packing, load.kind)
+        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(self.packing, load.kind, self.truth)
         what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
         return InputError(message(what, f"They are known from {name} = {least:g} on", "Raise the load, or name a medium"))
 
@@ -217,6 +203,8 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
     AutoMedium.name: {
         "tolerance": Option(AutoMedium.tolerance, relative_error),
         "friction_history": Option(AutoMedium.friction_history, truth),
+        "friction_coefficient": Option(AutoMedium.friction_coefficient, friction_coefficient),
+        "shear_response": Option(AutoMedium.shear_response, partial(choice, options=SHEAR_RESPONSES)),
     },
 }
 
@@ -291,6 +279,12 @@ class MediumChoice:
         return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
 
     @property
+    def truth(self) -> Truth:
+        """The simulated arrays that it names: loaded with friction if it has a history, otherwise at rest without."""
+        found = self.settings
+        return Truth(found.get("friction_coefficient"), found.get("shear_response", REST.shear_response))
+
+    @property
     def simulates(self) -> bool:
         """Whether it is a :class:`~granphon.media.simulation.DirectSimulation`."""
         return self.name == DirectSimulation.name
@@ -326,7 +320,7 @@ class Rung:
     loads : (n,) indices of the loads that it serves.
     packing : the balls.
     load : these loads, with their values in SI.
-    chosen : whether an :class:`AutoMedium` chose the medium for its expected error.
+    chosen : whether an :class:`AutoMedium` chose the medium for its expected error, which is relative to ``truth``.
     """
 
     medium: MediumChoice
@@ -334,12 +328,13 @@ class Rung:
     packing: Packing
     load: Load
     chosen: bool = False
+    truth: Truth = REST
 
     @property
     def is_quick(self) -> bool:
         """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective medium of long lists."""
         if self.medium.name == EffectiveMedium.name:
-            return solving_time(self.packing) < _MOMENT
+            return solving_time(self.packing) < MOMENT
         if self.medium.name == ClusterMedium.name:
             return not self.packing.width
         return not self.medium.simulates
@@ -354,56 +349,65 @@ class Rung:
 
         It is found when it is first asked for: a scene that names its medium does not need it.
         """
-        return expected_error(self.medium, self.packing, self.load).ravel()
+        return expected_error(self.medium, self.packing, self.load, self.truth).ravel()
 
 
-def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
-    """Return the numbers of cells along each period of a sample whose sides are about ``side`` diameters."""
-    lengths = np.linalg.norm(structure.vectors, axis=1)
-    return tuple(max(round(side / length), 1) for length in lengths.tolist())
+def _sort_options(packing: Packing, load: Load, against: Truth = REST) -> list[MediumChoice]:
+    """Return the options of an :class:`AutoMedium`, sorted by their time at a load.
 
-
-def solving_time(packing: Packing) -> float:
-    """Return the rough time of the effective medium for the distribution of a packing, s, for any number of loads."""
-    shape = packing.spread.shape if packing.spread and packing.width else None
-    listed = _LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER if isinstance(shape, PointShape) else 0.0
-    return max(_DENSITY_TIME, listed) if shape else 0.0
-
-
-def _sort_options(packing: Packing, load: Load) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`, sorted by their time at the least of these loads."""
+    That is the least of these loads; for samples that are loaded with friction it is the greatest, to which they are loaded.
+    """
     if not packing.spread_matters:
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
     media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
-    least = load[int(np.argmin(load.array))]
+    least, greatest = (load[int(find(load.array))] for find in (np.argmin, np.argmax))
     structure = packing.structure
-    shapes = [even_shape(structure, side) for side in _SIDES[structure.periods]]
-    simulations = [MediumChoice(DirectSimulation.name, (("shape", shape),)) for shape in shapes]
+    shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
+    simulations = [
+        MediumChoice(DirectSimulation.name, (("shape", shape), *of.options.items()))
+        for of in dict.fromkeys((REST, against))
+        for shape in shapes
+    ]
 
     def seconds(option: MediumChoice) -> float:
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
-            return _SIMULATION_TIME + _BALL_TIME * estimate(medium, least).work
+            return simulating_time(medium, greatest if medium.friction_history else least)
         return solving_time(packing) if isinstance(medium, EffectiveMedium) else 0.0
 
     return sorted([*media, *simulations], key=seconds)
 
 
-def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
+def _rank(option: MediumChoice) -> tuple[bool, tuple[int, ...]]:
+    """Return what is greatest for the largest sample of the truth: whether it is loaded with friction, and its shape."""
+    settings = option.settings
+    return bool(settings.get("friction_history")), settings.get("shape", (0,))
+
+
+def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: Truth = REST) -> Array:
     """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
 
-    It is +inf where the error is not known, as with a history of friction, and zero where every medium is exact: for equal
-    balls, and on a line.
+    It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
+    every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays that
+    were loaded with friction is what these differ by, and the chance in its samples.
     """
-    settings = choice.settings
+    settings, known = choice.settings, accuracy()
     if not packing.spread_matters:
         return np.zeros(load.shape)
-    unknown = settings.get("local_field") == "paper" or settings.get("friction_history")
-    if choice.name not in accuracy().media() or unknown:
+    other = settings.get("friction_history") and not _is_sample_of(choice, against)
+    if choice.name not in known.media() or settings.get("local_field") == "paper" or other:
         return np.full(load.shape, np.inf)
     medium = choice.of(packing)
     balls = medium.balls * medium.samples if isinstance(medium, DirectSimulation) else 1
-    return accuracy().error(choice.name, packing, load, balls)
+    if not choice.simulates or settings["friction_history"] == against.is_loaded:
+        return known.error(choice.name, packing, load, balls, against)
+    return known.error(FRICTIONLESS, packing, load, truth=against) + known.error(choice.name, packing, load, balls)
+
+
+def _is_sample_of(choice: MediumChoice, against: Truth) -> bool:
+    """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
+    own = MediumChoice(choice.name, tuple(against.options.items())).settings
+    return all(choice.settings[name] == own[name] for name in own.keys() - {"shape", "seed", "samples"})
 
 
 def medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
@@ -447,7 +451,7 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
 
         rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
-    if "start" in rules:
+    if "friction_history" in rules:
         refuse_without_history(found)
     return found
 

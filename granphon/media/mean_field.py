@@ -186,8 +186,11 @@ class EffectiveMedium(_ByLaw):
     diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
     falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
 
-    Friction makes Xi larger: the lattice around a ball gives way less. Contacts bear no tangential force at rest, none
-    slides, and the way to the load does not matter; :class:`DirectSimulation` with ``friction_history`` has all that.
+    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. That is all that it
+    holds of friction in the statics: contacts bear no tangential force at rest, there is no friction coefficient and none
+    slides, and the way to the load does not matter; :class:`DirectSimulation` with ``friction_history`` has all that. At a
+    given overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8
+    to 1. In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
 
     Parameters
     ----------

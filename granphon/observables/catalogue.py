@@ -342,6 +342,7 @@ _OBSERVABLES = (
     ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
+    Observable("truth", "", "simulated arrays that the expected error is relative to", swept=False),
     Observable(
         "frequencies", "Hz", "frequencies of the branches, in ascending order", cost="bands",
         dims=("segment", "point", "branch"),

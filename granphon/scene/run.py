@@ -162,6 +162,7 @@ class RunResult(Summarised):
         out: dict[str, Any] = {"medium": self.medium}
         if self.rung is not None:
             out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
+            out["truth"] = str(self.rung.truth)
         out |= find_all(self._analysis, ("state",)) | self._exponents | find_all(self._analysis, ("packing",))
         if self.local_field is not None:
             out["local_field"] = {name: getattr(self.local_field, name) for name in ("alpha", "beta", "xi")}

@@ -17,6 +17,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.laws.collocation import solve_curve
 from granphon.laws.effective import make_averages
+from granphon.media.accuracy import REST, Truth
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.observables.velocities import local_exponent
@@ -38,13 +39,14 @@ _TIME_POWER = 1.1
 class Disorder:
     """Balls of different diameters, their loads, and which of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` are observed.
 
-    Trial solutions are timed with ``stopwatch``.
+    ``truth`` says which simulated arrays media are judged by. Trial solutions are timed with ``stopwatch``.
     """
 
     packing: Packing
     load: Load
     quantities: tuple[str, ...]
     stopwatch: Stopwatch = SECONDS
+    truth: Truth = REST
 
     @property
     def columns(self) -> list[int]:

@@ -23,6 +23,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.results import Result
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
+from granphon.media.accuracy import REST, Truth
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import sound_velocities
@@ -87,18 +88,20 @@ class Moments:
     """Collect samples: :meth:`add` some, a few at a time, then ask for the :meth:`ensemble`.
 
     All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and ``shape`` (L1, ..., Lp);
-    their seeds count from ``seed``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
+    their seeds count from ``seed``. They are samples of ``truth``. Raises what
+    :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
-    def __init__(self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0) -> None:
-        self.packing, self.load, self.shape, self.seed = packing, load, shape, seed
+    def __init__(self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: Truth = REST) -> None:
+        self.packing, self.load, self.shape, self.seed, self.truth = packing, load, shape, seed, truth
         self._moduli: list[Array] = []
         self._overlaps: list[Array] = []
         self._excess: list[Array] = []
 
     def add(self, count: int = 1) -> None:
         """Simulate ``count`` more samples."""
-        simulation = DirectSimulation(self.packing, self.shape, self.seed + len(self._moduli), count)
+        seed = self.seed + len(self._moduli)
+        simulation = DirectSimulation(self.packing, self.shape, seed, count, **self.truth.options)
         state = simulation.at(self.load)
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         moduli = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1]

@@ -19,6 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
@@ -26,6 +27,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
+from granphon.media.accuracy import read_truth
 from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.tasks import solve_all
 from granphon.tradeoffs.questions import choose_studies
@@ -190,6 +192,9 @@ def tradeoff(
     overlap: ArrayLike | None = None,
     observe: Sequence[str] = ("velocities",),
     finite_overlap: bool = False,
+    friction_history: bool = False,
+    friction_coefficient: float | None = None,
+    shear_response: str = SHEAR_RESPONSES[0],
     budget: float = 180.0,
     most_loads: int = 3,
     runs: int = LEAST_RUNS,
@@ -207,6 +212,8 @@ def tradeoff(
         media are judged by the scale of frequencies.
     finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
         paper's limit only.
+    friction_history, friction_coefficient, shear_response : whether media are judged by arrays loaded with friction, and
+        how, as of a :class:`~granphon.DirectSimulation`; by default by arrays at rest without friction.
     budget : time that measuring may take, s. What does not fit is listed as not run.
     most_loads : largest number of loads; of more than that the least, the greatest, and some between are taken. If it is
         one, the least is taken, where media differ most; for equal balls the greatest, where finite overlap does most.
@@ -226,7 +233,8 @@ def tradeoff(
     InputError : no load, or one that is not valid; equal balls of which nothing but velocities or bands is observed, as all
         media are exact then; balls of different diameters on a line, on a lattice that is not simulated, or with finite
         overlap, where media have no reference; equal balls on a line or in space, where densities of states have none
-        either; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
+        either; a history without a friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, an
+        unknown word in ``observe``.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     if not isinstance(packing, Packing):
@@ -236,12 +244,13 @@ def tradeoff(
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
     observe = require("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
+    against = read_truth("tradeoff", friction_history, friction_coefficient, shear_response)
     loads = np.unique(load.array)
     if most_loads == 1 and not packing.width:
         loads = loads[-1:]
     elif loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
-    asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch)
+    asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch, against)
     return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor)
 
 

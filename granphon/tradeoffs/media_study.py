@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.media.choice import even_shape
+from granphon.media.accuracy import REST, Truth
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
+from granphon.media.sizes_and_times import even_shape
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.ensemble import Moments, observe
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
@@ -34,15 +36,19 @@ _LEAST_SAMPLES = 3
 _SIDES = {2: (8, 16, 32, 64, 128), 3: (4, 6, 10, 16, 24)}
 #: sides, in diameters, of the samples of the reference
 _REFERENCE_SIDES = {2: 64, 3: 14}
+#: the same if they are loaded with friction, which takes many times longer
+_LOADED_SIDES = {2: 32, 3: 8}
 #: sides, in diameters, of the sample that a sparse LU solves as well, as a check
 _CHECKED_SIDES = {2: 24, 3: 6}
+#: part of the tolerance of steps with which that sample is loaded once more, if samples are loaded with friction
+_SHORTER = 0.1
 #: number of samples between two checks whether the reference is good enough
 _SAMPLES_BETWEEN_LOOKS = 8
 
 
 @dataclass(frozen=True)
 class MediaStudy(DisorderStudy):
-    """The media against the simulated array.
+    """The media against the simulated array, at rest without friction or loaded with friction.
 
     ``sides`` and ``counts``: sides, in diameters, of the samples of a simulation, and how many samples it has;
     ``reference_side``: side of the reference's samples. By default sides are those for the dimension of the lattice.
@@ -61,7 +67,8 @@ class MediaStudy(DisorderStudy):
     @property
     def reference_shape(self) -> tuple[int, ...]:
         """Numbers of cells of the reference's samples."""
-        return self.shape(self.reference_side or _REFERENCE_SIDES[self._periods])
+        sides = _LOADED_SIDES if self.disorder.truth.is_loaded else _REFERENCE_SIDES
+        return self.shape(self.reference_side or sides[self._periods])
 
     @property
     def checked_shape(self) -> tuple[int, ...]:
@@ -90,8 +97,8 @@ class MediaStudy(DisorderStudy):
 
             return prepare
 
-        def prepare_simulation(shape: tuple[int, ...], samples: int) -> Callable[[int], DirectSimulation]:
-            return lambda run: DirectSimulation(packing, shape, run * samples, samples)
+        def prepare_simulation(shape: tuple[int, ...], samples: int, of: Truth) -> Callable[[int], DirectSimulation]:
+            return lambda run: DirectSimulation(packing, shape, run * samples, samples, **of.options)
 
         computed = prepare_effective(lambda: EffectiveMedium(packing))
         printed = prepare_effective(lambda: EffectiveMedium(packing, "paper"))
@@ -102,23 +109,25 @@ class MediaStudy(DisorderStudy):
         ]
         if packing.structure == TRIANGULAR:  # the paper prints no field of another lattice
             found.append(Point("effective medium, paper's field", "printed field", printed, solve, solving))
-        for samples in self.counts:
-            for shape in map(self.shape, self.sides or _SIDES[self._periods]):
-                prepare = prepare_simulation(shape, samples)
-                seconds = disorder.stopwatch.predict(estimate(prepare(0), disorder.load))
-                method = f"simulation, {samples} sample{'s' if samples > 1 else ''}"
-                found.append(Point(method, _write_shape(shape), prepare, solve, seconds, random=True))
+        shapes = [self.shape(side) for side in self.sides or _SIDES[self._periods]]
+        for of, samples, shape in itertools.product(dict.fromkeys((REST, disorder.truth)), self.counts, shapes):
+            prepare = prepare_simulation(shape, samples, of)
+            seconds = disorder.stopwatch.predict(estimate(prepare(0), disorder.load))
+            method = f"simulation{' with friction' * of.is_loaded}, {samples} sample{'s' if samples > 1 else ''}"
+            found.append(Point(method, _write_shape(shape), prepare, solve, seconds, random=True))
         return sorted(found, key=lambda point: point.seconds)
 
     def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Simulate samples until the reference is good enough or the time is up.
 
-        Equilibrium and response of one smaller sample are solved by a sparse LU too, as a check.
+        Equilibrium and response of one smaller sample are solved by a sparse LU too, as a check; or, if samples are loaded
+        with friction, in shorter steps.
         """
         disorder = self.disorder
-        moments = Moments(disorder.packing, disorder.load, self.reference_shape, _REFERENCE_SEED)
+        moments = Moments(disorder.packing, disorder.load, self.reference_shape, _REFERENCE_SEED, disorder.truth)
         begun = deadline.stopwatch.now()
-        apart = self.compare_solvers(deadline)
+        self._require_time(deadline)
+        apart = self.compare_steps() if disorder.truth.is_loaded else self.compare_solvers(deadline)
         longest, count = 0.0, 0
         while deadline.left > 1.5 * longest:
             start = deadline.stopwatch.now()
@@ -139,25 +148,33 @@ class MediaStudy(DisorderStudy):
         errors = np.hypot(ensemble.errors, apart[:, None])
         each = "balls" if self.disorder.packing.structure.n_balls == 1 else "cells"
         balls = f"{ensemble.samples} samples of {_write_shape(self.reference_shape)} {each}"
-        checked = (
-            f"of one of {_write_shape(self.checked_shape)}, equilibrium and response by sparse LU differ by"
-            f" {np.max(apart):.0e}"
-        )
-        made = f"{balls} at rest without friction, with control variates; {checked}"
+        loaded = self.disorder.truth.is_loaded
+        other = "velocities in steps of a tenth of the tolerance" if loaded else "equilibrium and response by sparse LU"
+        checked = f"of one of {_write_shape(self.checked_shape)}, {other} differ by {np.max(apart):.0e}"
+        made = f"{balls} {self.disorder.truth.told}, with control variates; {checked}"
         return Reference(ensemble.values[:, columns], errors[:, columns], made)
 
-    def compare_solvers(self, deadline: Deadline) -> Array:
-        """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU.
+    def compare_steps(self) -> Array:
+        """Return the relative difference (n_loads,) between a sample loaded with friction and the same in shorter steps."""
+        disorder, options = self.disorder, self.disorder.truth.options
+        own = DirectSimulation(disorder.packing, self.checked_shape, _REFERENCE_SEED, **options)
+        fine = replace(own, step_tolerance=_SHORTER * own.step_tolerance)
+        ratio = observe(disorder.state(own)) / observe(disorder.state(fine))
+        return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
-        Raises :class:`~granphon.base.errors.GranphonError` if the deadline leaves no time for the samples of the reference.
-        """
-        from granphon.array.sparse import SparseArray
-
+    def _require_time(self, deadline: Deadline) -> None:
+        """Raise :class:`~granphon.base.errors.GranphonError` if there is no time for the samples of the reference."""
         disorder = self.disorder
-        simulation = DirectSimulation(disorder.packing, self.reference_shape, _REFERENCE_SEED)
+        simulation = DirectSimulation(disorder.packing, self.reference_shape, _REFERENCE_SEED, **disorder.truth.options)
         least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
         if least > deadline.left:
             raise GranphonError(f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {least:.2g} s.")
+
+    def compare_solvers(self, deadline: Deadline) -> Array:
+        """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU."""
+        from granphon.array.sparse import SparseArray
+
+        disorder = self.disorder
         state = disorder.state(DirectSimulation(disorder.packing, self.checked_shape, _REFERENCE_SEED))
         apart, eta = [], disorder.packing.mindlin_ratio
         for rest in (sample.equilibrium for sample in state.samples):

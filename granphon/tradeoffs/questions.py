@@ -1,6 +1,7 @@
 """Choose the studies of speed against accuracy that make sense for a packing.
 
-- the media, against a large ensemble of simulated samples, whose equilibria and responses a sparse LU has checked;
+- the media, against a large ensemble of simulated samples, whose equilibria and responses a sparse LU has checked; or of
+  samples loaded with friction, whose steps have been checked;
 - the grid of the lattice's Green's function, against adaptive quadrature;
 - the solution of the effective medium, against a general integrator of differential equations;
 - the mesh of the density of states, against counting between the roots of determinants.
@@ -16,6 +17,7 @@ from __future__ import annotations
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
+from granphon.media.accuracy import REST, Truth
 from granphon.media.acoustics import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.tradeoffs.disorder import Disorder
@@ -35,15 +37,16 @@ def choose_studies(
     observe: tuple[str, ...],
     finite_overlap: bool = False,
     stopwatch: Stopwatch = SECONDS,
+    truth: Truth = REST,
 ) -> list[Study]:
     """Return the studies that make sense for a packing, the media first; see :func:`granphon.tradeoffs.measure.tradeoff`."""
     found: list[Study] = []
     if packing.width:
-        _require_reference(packing, finite_overlap)
+        _require_reference(packing, finite_overlap, truth)
         spectra = bool({"bands", "dos"} & set(observe))
         asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
         quantities = tuple(name for name in QUANTITIES if asked[name])
-        disorder = Disorder(packing, load, quantities, stopwatch)
+        disorder = Disorder(packing, load, quantities, stopwatch, truth)
         found += [MediaStudy(disorder), GridStudy(disorder), SolutionStudy(disorder)]
     if "dos" in observe and (packing.structure.periods == 2 or found):
         found.append(MeshStudy(packing, load, finite_overlap))
@@ -59,7 +62,7 @@ def choose_studies(
     return found
 
 
-def _require_reference(packing: Packing, finite_overlap: bool) -> None:
+def _require_reference(packing: Packing, finite_overlap: bool, truth: Truth) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if balls that differ have no simulated array to judge the media by."""
     structure = packing.structure
     where, mend = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out"
@@ -70,7 +73,7 @@ def _require_reference(packing: Packing, finite_overlap: bool) -> None:
         why = "On a line all contacts carry the same force, and every medium is exact"
     else:
         try:
-            DirectSimulation(packing, (1,) * structure.periods)
+            DirectSimulation(packing, (1,) * structure.periods, **truth.options)
         except GranphonError as error:
             raise InputError(
                 message(f"media are not compared {where}", f"Their reference is the simulated array: {error}")

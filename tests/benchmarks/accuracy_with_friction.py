@@ -1,0 +1,268 @@
+"""What the media are worth against arrays that were loaded with friction: the table of ``auto`` with ``friction_history``.
+
+    python tests/benchmarks/accuracy_with_friction.py [--write] [--held-back] [--keep FOLDER]
+
+It goes with ``accuracy.py``, and measures the same errors of the same media on the triangular lattice. The truth is another:
+``gp.DirectSimulation(..., friction_history=True)``, loaded with some friction coefficient from rest without friction at a* =
+1/2, with one of the three responses to sound. Besides the media there is the simulation of the same samples at rest without
+friction: its error is what the friction in the statics does. Without an option the script measures the errors again
+(``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases that were held back
+(``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution in a folder, to go on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import pickle
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from accuracy import (
+    DATA,
+    FAMILIES,
+    MEDIA,
+    TOLERANCES,
+    Truth,
+    errors_of,
+    falling,
+    load_of,
+    numbers,
+    other_shapes,
+    packing,
+    shapes,
+    squares,
+    text,
+    three_digits,
+    unit,
+)
+from numpy.typing import NDArray
+
+import granphon as gp
+from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedSample
+from granphon.balls.diameters import Spread
+from granphon.balls.lattices import find_lattice
+from granphon.balls.loads import Load
+from granphon.media.accuracy import compute_form_coefficients
+from granphon.media.simulation import SimulatedState
+from granphon.media.sizes_and_times import even_shape
+
+Array = NDArray[np.float64]
+LATTICE = "triangular"
+#: loads of the table, f* and a*; below them is the start of the loading
+FORCES, SPACINGS = three_digits(np.geomspace(0.035, 10.0, 18)), three_digits(np.geomspace(0.55, 5.0, 20))
+#: friction coefficients of the table, and Poisson ratios, which give eta
+COEFFICIENTS, POISSON_RATIOS = (0.1, 0.2, 0.5, math.inf), (0.5, 0.0)
+#: sides of the samples in diameters, and their number; and the same of the truth of cases that are held back
+SIDE, SAMPLES, TRUE_SIDE, TRUE_SAMPLES = 32, 4, 40, 4
+#: distributions of ``accuracy.shapes`` that are measured
+DISTRIBUTIONS = (
+    "uniform", "normal, cut at 2", "normal, cut at 6", "two kinds, 0.2 of them larger", "two kinds, 0.5 of them larger",
+    "two kinds, 0.8 of them larger", "tail upwards", "tail downwards", "three kinds, 0.2 in the middle",
+)  # fmt: skip
+#: distributions of ``accuracy.other_shapes`` that are held back
+HELD_BACK = ("uniform", "normal, cut at 2.5", "two kinds, 0.3 of them larger", "four kinds", "a lot of 40 balls, lognormal")
+#: name of the simulation at rest without friction in the table, where "simulation" is a sample of the truth
+FRICTIONLESS = "frictionless"
+#: of the rows of a table: friction coefficient, response, place of eta, kind of load, medium
+Key = tuple[float, str, int, str, str]
+
+
+class Loaded(Truth):
+    """Samples loaded with friction: what :class:`accuracy.Truth` has of samples at rest without."""
+
+    def __init__(
+        self, spread: Spread, poisson_ratio: float, mu: float, forces: Sequence[float], shape: tuple[int, ...], seed: int,
+        samples: int,
+    ) -> None:  # fmt: skip
+        self.lattice, self.spread, self.forces = LATTICE, spread, np.array(forces)
+        self.balls = packing(spread, poisson_ratio)
+        self.simulation = gp.DirectSimulation(
+            self.balls, shape, seed, samples, friction_history=True, friction_coefficient=mu
+        )
+        self.state = self.simulation.at_force(self.forces * unit(self.balls))
+        self.pressed = self.state.samples
+
+    def respond(self, response: str) -> None:
+        """Take another response to sound, of the same samples under the same forces."""
+        simulation = replace(self.simulation, shear_response=response)
+        taken = tuple(PressedSample(self.balls, one.seed, one.equilibrium, response) for one in self.pressed)
+        self.state = SimulatedState.of(simulation, taken, Load("force", self.forces * unit(self.balls)))
+
+    def state_of(self, poisson_ratio: float | None) -> SimulatedState:
+        """The statics depend on eta: there are those of one."""
+        return self.state
+
+
+def measured(
+    spread: Spread, forces: Sequence[float], shape: tuple[int, ...], samples: int, coefficients: Sequence[float]
+) -> Iterator[tuple[Key, Array, Array]]:
+    """Loads (f* or a*) and largest errors there (or chance times root of balls), as ``accuracy.measured``."""
+    for place, ratio in enumerate(POISSON_RATIOS):
+        balls = packing(spread, ratio)
+        rest = gp.DirectSimulation(balls, shape, 10_000, samples)
+        at_force = rest.at_force(np.array(forces) * unit(balls))
+        for mu in coefficients:
+            truth = Loaded(spread, ratio, mu, forces, shape, 10_000, samples)
+            # the same samples at the spacing that they have with friction
+            still = {"force": at_force, "overlap": rest.at_overlap(truth.state.overlap)}
+            for response in SHEAR_RESPONSES:
+                truth.respond(response)
+                chances, right = truth.of(ratio)
+                mine = squares(truth.state)
+                for kind, (chance, error) in chances.items():
+                    loads = truth.forces if kind == "force" else truth.spacings
+                    for name, medium in MEDIA.items():
+                        found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right)
+                        yield (mu, response, place, kind, name), loads, np.max(found + 2.0 * error, axis=1)
+                    # most of the chance is that of the diameters, which are the same
+                    apart = 0.5 * (squares(still[kind]) - mine) / np.mean(mine, axis=1, keepdims=True)
+                    apart_error = np.std(apart, axis=1, ddof=1) / np.sqrt(samples)
+                    found = np.abs(numbers(still[kind]) / right - 1.0) + 2.0 * apart_error
+                    yield (mu, response, place, kind, FRICTIONLESS), loads, np.max(found, axis=1)
+                    known = 1.0 + 1.0 / np.sqrt(2.0 * samples)
+                    chance_of_ball = known * np.max(chance, axis=1) * np.sqrt(truth.simulation.balls)
+                    yield (mu, response, place, kind, "simulation"), loads, chance_of_ball
+
+
+def measure_all(keep: Path | None) -> dict[str, list[tuple[Key, Array, Array]]]:
+    """Measure each distribution, or take what was kept of it."""
+    shape, found = even_shape(find_lattice(LATTICE), SIDE), {}
+    for label in DISTRIBUTIONS:
+        file = keep / f"{label}.pickle" if keep else None
+        if file is not None and file.is_file():
+            found[label] = pickle.loads(file.read_bytes())
+            continue
+        found[label] = list(measured(shapes()[label], FORCES, shape, SAMPLES, COEFFICIENTS))
+        if file is not None:
+            file.write_bytes(pickle.dumps(found[label]))
+        print(label, "measured", file=sys.stderr, flush=True)
+    return found
+
+
+def table(found: Mapping[str, list[tuple[Key, Array, Array]]]) -> dict[str, Any]:
+    """The part of the data: for each friction coefficient and response, errors as in a part of ``accuracy.table``."""
+    places = {"force": np.array(FORCES), "overlap": np.array(SPACINGS)}
+    # the same order of media as without friction, with the simulation of the truth last
+    names = (*MEDIA, FRICTIONLESS, "simulation")
+
+    def collect(mu: float, response: str, family: str) -> dict[str, dict[str, list[list[float]]]]:
+        worst = {kind: {name: np.zeros((len(POISSON_RATIOS), at.size)) for name in names} for kind, at in places.items()}
+        for label, rows in found.items():
+            if family not in (label.partition(",")[0], "any"):
+                continue
+            for (one, said, row, kind, name), loads, errors in rows:
+                if (one, said) == (mu, response):
+                    here = np.exp(np.interp(np.log(places[kind]), np.log(loads), np.log(errors)))
+                    worst[kind][name][row] = np.maximum(worst[kind][name][row], here)
+        return {kind: {name: falling(rows, family) for name, rows in media.items()} for kind, media in worst.items()}
+
+    forms = np.abs([compute_form_coefficients(shapes()[label].shape) for label in found]).max(axis=0)
+    return {
+        "made_by": "tests/benchmarks/accuracy_with_friction.py",
+        "shape": even_shape(find_lattice(LATTICE), SIDE),
+        "samples": SAMPLES,
+        "distributions": list(found),
+        "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
+        "mindlin_ratios": [packing(gp.Uniform(2e-6), ratio).mindlin_ratio for ratio in POISSON_RATIOS],
+        "loads": {kind: at.tolist() for kind, at in places.items()},
+        "truths": [
+            {
+                # infinity is no number of JSON
+                "friction_coefficient": mu if math.isfinite(mu) else str(mu),
+                "shear_response": response,
+                "errors": {family: collect(mu, response, family) for family in FAMILIES},
+            }
+            for mu in COEFFICIENTS
+            for response in SHEAR_RESPONSES
+        ],
+    }
+
+
+# -- held back ------------------------------------------------------------------------------------------------------------
+
+
+class Trial(NamedTuple):
+    """What ``auto`` took in one case, what it promised, and what came out; the medium is "loaded" for the truth's own."""
+
+    medium: str
+    promised: float
+    realised: float
+
+
+def trials(seed: int, loads: int) -> Iterator[Trial]:
+    """Random Poisson ratios, friction coefficients, responses and loads, for each distribution that is held back.
+
+    Seeds, Poisson ratios and friction coefficients are others than those of the table. Width and modulus scale the units.
+    """
+    draw = np.random.default_rng(seed)
+    shape = even_shape(find_lattice(LATTICE), TRUE_SIDE)
+    for label in HELD_BACK:
+        spread = other_shapes()[label]
+        for low, high in ((0.1, 0.2), (0.2, 0.5), (0.5, 2.0)):
+            ratio, mu = float(draw.uniform(0.0, 0.5)), float(draw.uniform(low, high))
+            forces = np.sort(np.exp(draw.uniform(math.log(0.045), math.log(8.0), loads))).tolist()
+            truth = Loaded(spread, ratio, mu, forces, shape, 20_000, TRUE_SAMPLES)
+            for response in SHEAR_RESPONSES:
+                truth.respond(response)
+                yield from try_tolerances(truth, numbers(truth.state), mu, response)
+
+
+def try_tolerances(truth: Loaded, right: Array, mu: float, response: str) -> Iterator[Trial]:
+    balls = truth.balls
+    options = {"friction_history": True, "friction_coefficient": mu, "shear_response": response}
+    for kind in ("force", "overlap"):
+        given, tried = load_of(kind, truth, balls), {}
+        for tolerance in TOLERANCES:
+            for index in range(len(given)):
+                try:
+                    (rung,) = gp.AutoMedium(balls, tolerance, **options).rungs(kind, given[index])
+                except gp.GranphonError:
+                    continue
+                medium = rung.medium.of(balls)
+                if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > SIDE:
+                    continue  # the truth has not enough more balls to judge it
+                if (index, rung.medium) not in tried:
+                    found = numbers(getattr(medium, f"at_{kind}")(float(given[index])))
+                    tried[index, rung.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
+                loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
+                name = "simulation, loaded with friction" if loaded else rung.medium.name
+                yield Trial(name, float(rung.errors[0]), tried[index, rung.medium])
+
+
+def held_back(loads: int = 4) -> None:
+    """Print how often the promise was kept."""
+    found = list(trials(1, loads))
+    print("| chosen | cases | error within the expected one | median of error over expected |\n|---|---|---|---|")
+    for medium in (*MEDIA, "simulation", "simulation, loaded with friction", None):
+        some = [one for one in found if medium in (None, one.medium)]
+        if some:
+            kept = np.mean([one.realised <= one.promised for one in some])
+            ratio = np.median([one.realised / one.promised for one in some])
+            print(f"| {medium or 'all'} | {len(some)} | {100.0 * kept:.1f} % | {ratio:.2g} |")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="What the media are worth against arrays loaded with friction")
+    parser.add_argument("--write", action="store_true", help="write the table into the package")
+    parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
+    parser.add_argument("--keep", type=Path, help="folder to keep what was measured of each distribution")
+    options = parser.parse_args(argv)
+    if not options.held_back:
+        made = table(measure_all(options.keep))
+        if options.write:
+            data = json.loads(DATA.read_text(encoding="utf-8"))
+            DATA.write_text(text({**data, "loaded": {LATTICE: made}}), encoding="utf-8")
+        else:
+            print(text({"loaded": {LATTICE: made}}))
+    held_back()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
