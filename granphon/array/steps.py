@@ -89,8 +89,10 @@ class Waypoint(NamedTuple):
         mean, square, stiffness = (sums * (1.0, 1.0, 1.5) / contacts).tolist()
         force = common + mean
         push = (load.force - common) - mean if load.overlap is None else 0.0
-        # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
-        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * stiffness
+        # where overlaps are small, near the rigidity threshold and on a line, the spacing of doubles at y and at the
+        # displacements is too coarse to meet the load
+        spacing = math.ulp(max(y, float(np.max(np.abs(balls)))))
+        push *= abs(push) > _LOAD_ROUNDING * force + spacing * stiffness
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
         spread = math.sqrt(max(0.0, square - mean**2))
         return cls(y, balls, Motion(pull, contacts * push), force, spread, stiffness, left)
