@@ -11,17 +11,26 @@ import multiprocessing
 import pickle
 import re
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.cost import available_memory
 from granphon.sweeps import MOST_WORKERS
-from granphon.sweeps.workers import WorkerLost, hold_back_signals, mask_interrupts, packages, worker_processes
+from granphon.sweeps.workers import (
+    ANSWER_SECONDS,
+    WorkerLost,
+    hold_back_signals,
+    mask_interrupts,
+    packages,
+    worker_processes,
+)
 
 if TYPE_CHECKING:
     from granphon.sweeps.tasks import Task
@@ -323,6 +332,20 @@ class _OnScheduler(Executor):
         outer.set_running_or_notify_cancel()  # whether a worker is at it is not known: it may still bring a result
         inner.add_done_callback(lambda done: self._pass_on(done, outer))
         return outer
+
+    def ask(self, fn: Callable[..., Any], /, *args: Any) -> Iterator[Any]:
+        """Call ``fn``, which must be quick, in every worker, beside its work, and yield the answers that come in time."""
+        answers: SimpleQueue[Any] = SimpleQueue()
+
+        def gather() -> None:
+            found: dict[str, Any] = {}
+            with suppress(Exception):
+                found = self._client.run(fn, *args, workers=list(self._known), on_error="ignore")
+            answers.put(list(found.values()))
+
+        threading.Thread(target=gather, daemon=True).start()
+        with suppress(Empty):
+            yield from answers.get(timeout=ANSWER_SECONDS)
 
     def _pass_on(self, inner: Future[Any], outer: Future[Any]) -> None:
         """Set the result or the error of the scheduler's future in the one that was given out."""
