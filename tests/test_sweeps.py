@@ -966,8 +966,8 @@ def counting():
     """A list of the steps that are done in the block, by threads."""
     new, work = [], tasks.carry_out
 
-    def carry_out(orders):
-        done = work(orders)
+    def carry_out(orders, *more):
+        done = work(orders, *more)
         for (task, part), one in zip(orders, done, strict=False):
             new.extend([task.where] * (one.steps - (0 if part is None else task.done(part))))
         return done

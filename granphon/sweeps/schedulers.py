@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import pickle
 import re
 import sys
@@ -158,6 +159,7 @@ def _start_cluster(count: int) -> Iterator[Any]:
     others = set(multiprocessing.active_children())
     free = available_memory()
     memory = int(free / count) if free < float("inf") else "auto"
+    _start_tracker()
     try:
         # threads, and so processes, inherit the mask: a signal of the terminal stops this process alone, which ends them
         with hold_back_signals(), mask_interrupts(), dask.config.set({"distributed.scheduler.allowed-failures": 0}):
@@ -178,6 +180,22 @@ def _start_cluster(count: int) -> Iterator[Any]:
             with suppress(Exception):
                 cluster.close(timeout=_CLOSING_SECONDS)
             _kill_workers(others)  # one that was being started is not stopped by closing
+
+
+def _start_tracker() -> None:
+    """Start Python's process that removes semaphores of dask after a kill of this one, without its warning about them.
+
+    If this process has started it before, the warning stays.
+    """
+    if os.name != "posix":
+        return
+    from multiprocessing import resource_tracker
+
+    sys.warnoptions.append("ignore:resource_tracker")  # processes are started with the options of this one
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
 
 
 def _kill_workers(others: Container[Any]) -> None:
