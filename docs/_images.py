@@ -20,6 +20,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from ase.optimize import BFGS
 from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.patches import FancyBboxPatch
 from PIL import Image
 
 import granphon as gp
@@ -266,6 +268,41 @@ def draw_tradeoff() -> Any:
     return figure
 
 
+def draw_machines() -> Any:
+    """The way of tasks and results between the command, a scheduler and workers on other machines, and the store."""
+    figure, ax = plt.subplots(figsize=(6.4, 2.7), layout="constrained")
+    ax.set(xlim=(0.0, 12.8), ylim=(0.3, 5.3))
+    ax.set_axis_off()
+    boxes = {
+        "granphon run\ncuts the sweep into tasks": (0.1, 3.5, 3.6, 1.4, BLUE),
+        "store, one file:\nresults of finished tasks": (0.1, 0.5, 3.6, 1.4, "0.25"),
+        "scheduler of dask\ngives tasks to\nworkers that are free": (5.4, 0.5, 2.8, 4.4, BLUE),
+        "worker on machine 1": (9.8, 3.9, 2.9, 1.0, VERMILION),
+        "worker on machine 2": (9.8, 2.2, 2.9, 1.0, VERMILION),
+        "worker on machine 3": (9.8, 0.5, 2.9, 1.0, VERMILION),
+    }
+    for words, (x, y, width, height, colour) in boxes.items():
+        style = {"boxstyle": "round,pad=0,rounding_size=0.15", "edgecolor": colour, "linewidth": 1.2}
+        ax.add_patch(FancyBboxPatch((x, y), width, height, facecolor=(*to_rgb(colour), 0.12), **style))
+        ax.text(x + width / 2.0, y + height / 2.0, words, ha="center", va="center", fontsize=7.5)
+
+    def arrow(start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
+        ax.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.0})
+
+    for (left, right), y in (((3.75, 5.35), 4.2), *(((8.25, 9.75), y) for y in (4.4, 2.7, 1.0))):
+        arrow((left, y + 0.2), (right, y + 0.2), BLUE)
+        arrow((right, y - 0.2), (left, y - 0.2), VERMILION)
+    arrow((1.6, 3.45), (1.6, 1.95), VERMILION)
+    arrow((2.2, 1.95), (2.2, 3.45), "0.25")
+    for x, y, words, colour in (
+        (4.55, 4.75, "tasks,\nin batches", BLUE), (9.0, 4.9, "tasks", BLUE),
+        (4.55, 3.6, "results", VERMILION), (9.0, 3.8, "results", VERMILION),
+        (0.75, 2.7, "results", VERMILION), (3.75, 2.7, "when the sweep\nis continued", "0.25"),
+    ):  # fmt: skip
+        ax.text(x, y, words, ha="center", va="center", color=colour, fontsize=7.0)
+    return figure
+
+
 def of_example(name: str) -> Callable[[], Any]:
     """The figure of an example."""
     return lambda: runpy.run_path(str(EXAMPLES / f"{name}.py"))["figure"]
@@ -282,6 +319,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "velocities": draw_fit,
     "simulation": draw_simulation,
     "tradeoff": draw_tradeoff,
+    "machines": draw_machines,
     "python": of_example("pulse_dispersion"),
     "figure": draw_figure,
     "several_runs": of_example("several_runs"),

@@ -849,7 +849,10 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
     ) as running:
         try:
             assert [running.stdout.readline() for _ in range(2)] == ["held\n"] * 2  # both have begun what has no end
-            while count_parts(work / "out") < 2 and running.poll() is None:
+            # dask may give a worker what has no end after its first task; the very first task of all has an end
+            least, end = 2 if whose == "--workers=2" else 1, time.monotonic() + 60.0
+            while count_parts(work / "out") < least and running.poll() is None:
+                assert time.monotonic() < end, f"{count_parts(work / 'out')} results of {least} in a minute"
                 time.sleep(0.01)
             if kind == "SIGINT":  # as a terminal does, to the workers as well
                 os.killpg(running.pid, signal.SIGINT)
@@ -863,7 +866,7 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
     assert out == ""
     if kind == "SIGKILL":
         assert running.returncode == -signal.SIGKILL
-        assert err == "" or whose != "--workers=2"  # nothing is said of semaphores left behind
+        assert err == ""  # nothing is said of semaphores left behind
     else:
         assert running.returncode == 130
         kept = "The finished parts are kept: run the same command again to continue."
@@ -877,7 +880,7 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert media == ["afa"] * 2 + ["ala", "afa"] * 4
     else:  # dask hands out tasks in its own order
         assert media.count("afa") == 6
-        assert media.count("ala") <= 4
+        assert media.count("ala") <= 5
 
 
 #: the command, interrupted when a module is imported, in the middle of exec() of a text, or at the end of the interpreter

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import builtins
+import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +26,7 @@ from granphon.sweeps.schedulers import open_executor, read_scheduler
 from granphon.sweeps.store import Store
 from granphon.sweeps.sweep import sweep
 from granphon.sweeps.tasks import solve_all
+from granphon.sweeps.workers import worker_processes
 
 distributed = pytest.importorskip("distributed")
 
@@ -97,11 +101,11 @@ def test_batches_are_bounded_in_time_and_number():
     class Counted(ThreadPoolExecutor):
         size, under_way, most = 2, 0, 0
 
-        def submit(self, call, orders):
+        def submit(self, call, orders, work):
             sizes.append(len(orders))
             self.under_way += 1
             self.most = max(self.most, self.under_way)
-            future = super().submit(call, orders)
+            future = super().submit(call, orders, work)
             future.add_done_callback(lambda _: setattr(self, "under_way", self.under_way - 1))
             return future
 
@@ -114,6 +118,71 @@ def test_batches_are_bounded_in_time_and_number():
     slow = [Nap(0), Nap(1, 0.02), Nap(2), Nap(3, 0.02), Nap(4)]
     done = tasks.carry_out([(nap, None) for nap in slow], limit=0.01)
     assert [tasks.decode(one.entry)["x"].item() for one in done] == [0, 1]
+
+
+class InTwo(Nap):
+    """A task of two steps, the second of which waits."""
+
+    steps = 2
+
+    def done(self, part):
+        return len(part["x"])
+
+    def solve(self, begun=None):
+        if begun is None:
+            return {"x": np.array([self.number])}
+        self.folder.wait(20)
+        return {"x": np.append(begun["x"], self.number)}
+
+
+def test_a_batch_is_handed_over_in_the_middle_of_a_task_and_ends_after_its_step():
+    def names():
+        return [(name, tasks.decode(entry)["x"].tolist()) for name, entry in tasks.hand_over("this")]
+
+    with ThreadPoolExecutor(2) as executor:
+        gate = threading.Event()
+        batch = [Nap(0), Nap(1), InTwo(2, folder=gate), Nap(3)]
+        try:
+            future = executor.submit(tasks.carry_out, [(task, None) for task in batch], "this", 60.0)
+            wait_for(lambda: [name for name, _ in names_of("this")] == ["nap-0", "nap-1", "nap-2"])
+            assert tasks.hand_over("another") == []
+            assert names() == [("nap-0", [0]), ("nap-1", [1]), ("nap-2", [2])]
+        finally:
+            gate.set()
+        assert [tasks.decode(one.entry)["x"].tolist() for one in future.result(20)] == [[0], [1], [2, 2]]
+    assert tasks.hand_over("this") == []
+
+
+def names_of(work):
+    """What would be handed over, without stopping the batch."""
+    batches = [batch for batch in tasks._UNDER_WAY.values() if batch.work == work and batch.at is not None]
+    return [
+        *((tasks.name_of(one.entry[tasks.HEAD :]), one) for batch in batches for one in batch.done),
+        *((batch.at[0].name, batch.at) for batch in batches),
+    ]
+
+
+def interrupt_once(begun):
+    """Interrupt the main thread, as Ctrl-C does, once something has begun."""
+    wait_for(begun)
+    time.sleep(0.2)
+    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+
+@posix
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("how", ["workers", "scheduler"])
+def test_an_interruption_keeps_what_is_finished_in_a_batch_that_does_not_come_back(client, tmp_path, how):
+    # the times of the others make the last task one of a batch, in which it sleeps on long after the interruption
+    naps = [*(Nap(n, 0.002, folder=tmp_path) for n in range(150)), Nap(150, 5.0, folder=tmp_path)]
+    naps += [Nap(n, 0.002, folder=tmp_path) for n in range(151, 170)]
+    with nullcontext(client.get_executor()) if how == "scheduler" else worker_processes(2) as executor:
+        store = Store(tmp_path / "store")
+        threading.Thread(target=interrupt_once, args=((tmp_path / "nap-150").exists,), daemon=True).start()
+        with pytest.raises(KeyboardInterrupt):
+            solve_all("naps", naps, executor, store=store)
+    begun = {path.name for path in tmp_path.glob("nap-*")}
+    assert begun - dict(read_entries(tmp_path / "store")).keys() == {"nap-150"}
 
 
 def _throw(error):
@@ -243,12 +312,33 @@ def test_without_distributed_the_message_says_what_to_install(monkeypatch):
 # -- what is killed -------------------------------------------------------------------------------------------------
 
 
-def wait_for(condition):
-    for _ in range(3000):
-        if condition():
-            return
+def wait_for(condition, explain=lambda: "what was waited for did not happen"):
+    """Wait until a condition holds; fail after a minute, which even a busy machine does not take."""
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end, explain()
         time.sleep(0.01)
-    raise AssertionError
+
+
+#: time that a test may take, s: far above what one takes on a busy machine
+MOST_SECONDS = 150
+
+
+@pytest.fixture(autouse=True)
+def deadline(request):
+    """Fail a test that waits for a process which does not answer, so that nothing waits for it."""
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def fail(*_):
+        pytest.fail(f"{request.node.name} has not ended within {MOST_SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS, 10.0)  # again, if closing something waits too
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
 
 
 def children():
@@ -300,32 +390,49 @@ def test_a_task_that_kills_its_workers_is_named(tmp_path, how):
     wait_for(lambda: children() == before)
 
 
+@contextmanager
+def started(command, log, environment):
+    """A process that is killed at the end of the block, however that ends: nobody waits for one that goes on."""
+    with subprocess.Popen(command, env=environment, stdout=log, stderr=log) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def read_address(file):
+    """The address in a scheduler's file; None while the file is not there, or not yet written whole."""
+    try:
+        return json.loads(file.read_text())["address"]
+    except (OSError, ValueError):
+        return None
+
+
 @pytest.fixture
 def remote(tmp_path):
     """A scheduler in a process of its own with one worker: its address, and the process."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])}
-    log = (tmp_path / "log").open("w")
-    command = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--no-dashboard",
-    ]
-    file = tmp_path / "scheduler.json"
-    with log, subprocess.Popen([*command, "--scheduler-file", str(file)], env=environment, stderr=log) as scheduler:
-        wait_for(file.exists)
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        command += ["--death-timeout", "2", "--scheduler-file", str(file), "--local-directory", str(tmp_path / "scratch")]
-        with subprocess.Popen(command, env=environment, stderr=log) as worker:
-            import json
-
-            yield json.loads(file.read_text())["address"], scheduler
-            for process in (worker, scheduler):
-                process.kill()
+    path, file = tmp_path / "log", tmp_path / "scheduler.json"
+    main = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    with path.open("w") as log, started([*main, "--scheduler-file", str(file)], log, environment) as scheduler:
+        wait_for(lambda: read_address(file), lambda: f"the scheduler has no address:\n{path.read_text()}")
+        address = read_address(file)
+        own = [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_worker",
+            address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--no-dashboard",
+        ]
+        # a worker that gave up on a slow machine would never come
+        own += ["--death-timeout", "100", "--local-directory", str(tmp_path / "scratch")]
+        with started(own, log, environment):
+            with distributed.Client(address, set_as_default=False, timeout=60) as client:
+                client.wait_for_workers(1, timeout=60)
+            yield address, scheduler
 
 
 @posix

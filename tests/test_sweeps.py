@@ -966,8 +966,8 @@ def counting():
     """A list of the steps that are done in the block, by threads."""
     new, work = [], tasks.carry_out
 
-    def carry_out(orders):
-        done = work(orders)
+    def carry_out(orders, *more):
+        done = work(orders, *more)
         for (task, part), one in zip(orders, done, strict=False):
             new.extend([task.where] * (one.steps - (0 if part is None else task.done(part))))
         return done
@@ -1421,3 +1421,10 @@ def test_a_small_disk_fills_up(rough, small_disk, count):
         sweep(rough, **arguments, path=small_disk / "sweep.nc")
     assert [path.name for path in small_disk.iterdir()] == [PARTIAL]
     assert 0 < len(parts_in(small_disk)) < max(count, 2)
+
+
+def test_an_entry_of_a_state_takes_less_than_a_kilobyte(packing, tmp_path):
+    store = Store(tmp_path / "store")
+    sweep(packing, force=5.0, media=["ala", "afa"], width=[1e-6, 2e-6], store=store)
+    assert len(dict(read_entries(tmp_path / "store"))) == 4
+    assert (tmp_path / "store").stat().st_size < 4 * 1000 + 2000  # four entries, and one with what they belong to

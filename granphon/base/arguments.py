@@ -22,6 +22,8 @@ def real_array(name: str, values: Any) -> NDArray[np.float64]:
     """``values`` as an array of floats of any shape, finite or not; an array of floats is returned without a copy."""
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
+    if type(values) is float or type(values) is np.float64:
+        return np.asarray(values)
     found: NDArray[np.float64] = require(name, validation.real_numbers, values)
     return found
 

@@ -19,6 +19,8 @@ __all__ = ["Result", "plain", "read_only", "restore"]
 
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
+#: types of most values in results, which are kept as they are
+_PLAIN = frozenset({str, float, int, bool, tuple, NoneType})
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
@@ -52,6 +54,8 @@ class Result:
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
+            if type(value) in _PLAIN:
+                continue
             if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())
             elif isinstance(value, np.ndarray):

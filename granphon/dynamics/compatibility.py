@@ -135,7 +135,7 @@ class Compatibility:
         """(p, p) reciprocal vectors as rows, 1/d, with the factor 2 pi."""
         return read_only(2.0 * np.pi * np.linalg.inv(self.cell[:, : self.periods]).T)
 
-    @property
+    @cached_property
     def is_prestressed(self) -> bool:
         """Whether the static contact force itself enters the stiffness; K is then indefinite."""
         return bool(np.any(self.prestress != 0.0))

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from granphon.media.state import ContactState
 
 __all__ = [
-    "contact_lattice", "has_one_lattice", "ideal_lattice", "lattice_scales", "lattice_tensor", "lattice_waves",
-    "lattice_without_overlap",
-    "over_directions", "prestress", "sample_scales", "compute_velocities", "velocity_scale",
+    "compute_velocities", "contact_lattice", "find_overlap_of_equal_balls", "has_one_lattice", "ideal_lattice",
+    "lattice_scales", "lattice_tensor", "lattice_waves", "lattice_without_overlap", "over_directions", "prestress",
+    "sample_scales", "velocity_scale",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -70,6 +70,11 @@ def contact_lattice(state: ContactState) -> ContactLattice:
         packing.structure, packing.mindlin_ratio, spacing, load,
         torsion=float(state.torsion), bending=packing.bending, motions=packing.ball_motions,
     )  # fmt: skip
+
+
+def find_overlap_of_equal_balls(state: ContactState) -> Array:
+    """Return the overlap of equal balls at the mean force, m: where balls differ the mean overlap may be negative."""
+    return np.asarray(state.packing.law.overlap(state.force))
 
 
 def prestress(state: ContactState) -> Array:

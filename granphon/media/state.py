@@ -24,6 +24,7 @@ from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.acoustics import (
     contact_lattice,
+    find_overlap_of_equal_balls,
     lattice_scales,
     lattice_tensor,
     lattice_waves,
@@ -232,8 +233,7 @@ class ContactState(Result):
     @property
     def stiffness_ratio(self) -> Values:
         """Normal stiffness k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
-        ideal = self.packing.law
-        return _unwrap_scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
+        return _unwrap_scalars(self.normal_stiffness / self.packing.law.stiffness(self.once(find_overlap_of_equal_balls)))
 
     @property
     def exponent(self) -> Values:

@@ -174,11 +174,17 @@ def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the moduli; its value is None if the lattice has no such modulus."""
 
+    modulus = name.removesuffix("_error")
+
     def find(of: Analysis) -> Any:
         found = of.moduli
+        value = getattr(found, name, None) if modulus != name else None
+        if modulus != name and value is None:
+            return None
         with suppress(InputError):
             # a lattice without the modulus has no error of it either
-            return None if getattr(found, name.removesuffix("_error"), None) is None else getattr(found, name, None)
+            known = getattr(found, modulus, None)
+            return known if modulus == name or known is None else value
         return None
 
     return Observable(

@@ -13,7 +13,13 @@ from granphon.balls.hertz import contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
-from granphon.media.acoustics import has_one_lattice, ideal_lattice, lattice_without_overlap, velocity_scale
+from granphon.media.acoustics import (
+    find_overlap_of_equal_balls,
+    has_one_lattice,
+    ideal_lattice,
+    lattice_without_overlap,
+    velocity_scale,
+)
 from granphon.media.state import ContactState, with_keyword
 
 __all__ = ["Check", "Tally", "Validity", "estimate_shear_deficit", "validity"]
@@ -117,10 +123,14 @@ class Check(Result):
     @cached_property
     def tally(self) -> Tally:
         """The worst value over the loads, and the number of loads at which the condition fails."""
-        value, ok = np.asarray(self.value), np.asarray(self.ok)
-        worst = float(value.min() if self.at_least else value.max())
-        loads = None if value.ndim == 0 else ok.size
-        failing = ok.size - int(np.count_nonzero(ok))
+        value = np.asarray(self.value)
+        loads = None if value.ndim == 0 else value.size
+        if value.size == 1:  # without arrays, as a sweep has many states at one load
+            worst = float(value.item())
+            failing = int(not (worst >= self.limit if self.at_least else worst <= self.limit))
+        else:
+            worst = float(value.min() if self.at_least else value.max())
+            failing = value.size - int(np.count_nonzero(self.ok))
         return Tally(self.meaning, float(self.limit), self.reason, self.at_least, worst, failing, loads)
 
     @property
@@ -148,10 +158,14 @@ class Validity(Result):
         return np.logical_and.reduce([check.ok for check in self.checks])[()]
 
     @cached_property
+    def tallies(self) -> tuple[Tally, ...]:
+        """The worst value of each condition over the loads, and the number of loads at which it fails."""
+        return tuple(check.tally for check in self.checks)
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each condition that fails; empty if all hold."""
-        said = [check.warning for check in self.checks]
-        return tuple(one for one in said if one is not None)
+        return tuple(one.warning for one in self.tallies if one.warning is not None)
 
     def __getitem__(self, name: str) -> Check:
         for check in self.checks:
@@ -231,8 +245,7 @@ def _find_top_frequencies(state: ContactState) -> Any:
 def _compute_validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
     lattice = lattice_without_overlap(state)
-    # the overlap of equal balls at the mean force: where balls differ the mean overlap may be negative
-    radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
+    radius = np.asarray(contact_radius_ratio(state.once(find_overlap_of_equal_balls), d))
     values = {
         "contact_radius": radius,
         # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not

@@ -284,10 +284,11 @@ class Moduli(Result):
         Raises :class:`~granphon.base.errors.InputError` if the strain under pressure is not the same in all directions.
         """
         bulk, p = self._find_bulk(), self.periods
+        if self.isotropic or self.cubic:
+            return bulk[()]
         # the stress under a strain that is the same in all directions, without its mean pressure
         stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
-        even = self.isotropic or self.cubic
-        if not even and np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
+        if np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
             raise InputError(
                 message("this lattice has no single bulk modulus", "Its strain under pressure is not even", _AVERAGES)
             )

@@ -1,6 +1,7 @@
 """Entries of a store: results of tasks as bytes, each with a mark, its length and the SHA-256 of its body.
 
-The body is the name of the entry, then the layout and the bytes of some arrays. Nothing that is read is ever executed.
+The body is the name of the entry, then the layout of some arrays, compressed, and their bytes. Nothing that is read is ever
+executed.
 Sound entries before and behind a damaged place are found by their marks.
 """
 
@@ -10,6 +11,7 @@ import hashlib
 import json
 import math
 import os
+import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
@@ -33,7 +35,9 @@ HEAD = len(MARK) + 8 + 32
 #: name of the entry that holds the identity of the work, which no task has
 IDENTITY = ""
 #: bytes to which each array in an entry is padded, so that arrays can be used where they are
-_ALIGNMENT = 16
+_ALIGNMENT = 8
+#: bytes before the layout, which hold its length; and the greatest length of a layout before it is compressed
+_LENGTH, _MOST_LAYOUT = 4, 1_000_000
 #: kinds of numpy's types that an entry may hold: truth, numbers and texts, but no Python objects
 _KINDS = "biufcSU"
 #: bytes that are searched for a mark at once
@@ -59,7 +63,8 @@ def wrap(body: bytes) -> bytes:
 
 @lru_cache(1024)
 def _write_layout(layout: tuple[tuple[str, str, tuple[int, ...]], ...]) -> bytes:
-    return f"{json.dumps(layout)}\n".encode()
+    data = zlib.compress(json.dumps(layout).encode())
+    return len(data).to_bytes(_LENGTH, "little") + data
 
 
 def decode(entry: bytes) -> TaskResult:
@@ -73,20 +78,20 @@ def decode(entry: bytes) -> TaskResult:
 def read_part(body: bytes) -> TaskResult | None:
     """Return the arrays in the body of an entry; None if they are not there. Nothing in it is ever executed."""
     _, _, rest = body.partition(b"\n")
-    layout, _, _ = rest.partition(b"\n")
-    data = rest[len(layout) + 1 :]  # a copy, which begins at an aligned address
-    with suppress(ValueError, TypeError, KeyError, RecursionError):
-        places, size = _read_layout(layout)
+    start = _LENGTH + int.from_bytes(rest[:_LENGTH], "little")
+    data = rest[start:]  # a copy, which begins at an aligned address
+    with suppress(ValueError, TypeError, KeyError, RecursionError, zlib.error):
+        places, size = _read_layout(rest[_LENGTH:start])
         if size == len(data):
             return {name: np.ndarray(shape, kind, data, start) for name, kind, shape, start in places}
     return None
 
 
 @lru_cache(1024)
-def _read_layout(text: bytes) -> tuple[list[tuple[str, np.dtype[Any], tuple[int, ...], int]], int]:
+def _read_layout(compressed: bytes) -> tuple[list[tuple[str, np.dtype[Any], tuple[int, ...], int]], int]:
     """Return name, type, shape and first byte of each array, and the number of bytes of all."""
     places, start = list[tuple[str, np.dtype[Any], tuple[int, ...], int]](), 0
-    for name, kind, shape in json.loads(text):
+    for name, kind, shape in json.loads(zlib.decompressobj().decompress(compressed, _MOST_LAYOUT)):
         dtype = np.dtype(str(kind))
         if dtype.kind not in _KINDS or dtype.names is not None or any(type(n) is not int or n < 0 for n in shape):
             raise ValueError

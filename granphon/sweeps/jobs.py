@@ -211,7 +211,8 @@ class Job:
     def observe(self, state: ContactState) -> TaskResult:
         """Return the variables of a state, and its "warnings"."""
         analysis = Analysis(state, self.direction)
-        notes: list[Tally | str] = [check.tally for check in validity(state).checks]
+        # conditions that hold are kept only where another medium, at other loads, may not meet them
+        notes: list[Tally | str] = [one for one in validity(state).tallies if one.failing or self.rung.chosen]
         out = find_all(analysis, ("state",), swept=True)
         try:
             out |= find_all(analysis, ("velocities",), swept=True)
@@ -266,15 +267,15 @@ def describe_mechanism(error: MechanismError) -> str:
 
 def _write_notes(notes: Sequence[Tally | str]) -> NDArray[Any]:
     """Encode notes on a result, which are conditions over loads or sentences, as an array of JSON texts."""
-    return np.array([json.dumps(note) for note in notes], str)
+    return np.array([json.dumps(note) for note in notes], "S")  # ASCII: one byte for each letter
 
 
-def _read_note(text: str) -> Tally | str:
+def _read_note(text: bytes) -> Tally | str:
     note = json.loads(text)
     return note if isinstance(note, str) else Tally(*note)
 
 
-def _merge_notes(texts: Sequence[str]) -> NDArray[Any]:
+def _merge_notes(texts: Sequence[bytes]) -> NDArray[Any]:
     """Merge notes on parts of the loads into notes on all of them: each condition and each sentence appears once."""
     found: dict[Any, Tally | str] = {}
     for note in map(_read_note, texts):

@@ -8,20 +8,30 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import pickle
 import re
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.cost import available_memory
 from granphon.sweeps import MOST_WORKERS
-from granphon.sweeps.workers import WorkerLost, hold_back_signals, mask_interrupts, packages, worker_processes
+from granphon.sweeps.workers import (
+    ANSWER_SECONDS,
+    WorkerLost,
+    hold_back_signals,
+    mask_interrupts,
+    packages,
+    worker_processes,
+)
 
 if TYPE_CHECKING:
     from granphon.sweeps.tasks import Task
@@ -149,6 +159,7 @@ def _start_cluster(count: int) -> Iterator[Any]:
     others = set(multiprocessing.active_children())
     free = available_memory()
     memory = int(free / count) if free < float("inf") else "auto"
+    _start_tracker()
     try:
         # threads, and so processes, inherit the mask: a signal of the terminal stops this process alone, which ends them
         with hold_back_signals(), mask_interrupts(), dask.config.set({"distributed.scheduler.allowed-failures": 0}):
@@ -169,6 +180,22 @@ def _start_cluster(count: int) -> Iterator[Any]:
             with suppress(Exception):
                 cluster.close(timeout=_CLOSING_SECONDS)
             _kill_workers(others)  # one that was being started is not stopped by closing
+
+
+def _start_tracker() -> None:
+    """Start Python's process that removes semaphores of dask after a kill of this one, without its warning about them.
+
+    If this process has started it before, the warning stays.
+    """
+    if os.name != "posix":
+        return
+    from multiprocessing import resource_tracker
+
+    sys.warnoptions.append("ignore:resource_tracker")  # processes are started with the options of this one
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
 
 
 def _kill_workers(others: Container[Any]) -> None:
@@ -323,6 +350,20 @@ class _OnScheduler(Executor):
         outer.set_running_or_notify_cancel()  # whether a worker is at it is not known: it may still bring a result
         inner.add_done_callback(lambda done: self._pass_on(done, outer))
         return outer
+
+    def ask(self, fn: Callable[..., Any], /, *args: Any) -> Iterator[Any]:
+        """Call ``fn``, which must be quick, in every worker, beside its work, and yield the answers that come in time."""
+        answers: SimpleQueue[Any] = SimpleQueue()
+
+        def gather() -> None:
+            found: dict[str, Any] = {}
+            with suppress(Exception):
+                found = self._client.run(fn, *args, workers=list(self._known), on_error="ignore")
+            answers.put(list(found.values()))
+
+        threading.Thread(target=gather, daemon=True).start()
+        with suppress(Empty):
+            yield from answers.get(timeout=ANSWER_SECONDS)
 
     def _pass_on(self, inner: Future[Any], outer: Future[Any]) -> None:
         """Set the result or the error of the scheduler's future in the one that was given out."""

@@ -2,7 +2,8 @@
 
 A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
 run anywhere and in any order. A long one is done in steps, and each step is kept. Short ones are sent to workers in batches,
-which end after half a second; results come back as entries of the store, with their digests.
+which end after half a second; results come back as entries of the store, with their digests. If a batch is not to go on, its
+worker hands over what it has finished, in the middle of its work.
 """
 
 from __future__ import annotations
@@ -13,17 +14,20 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, wait
 from contextlib import suppress
+from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
+from threading import get_ident
 from typing import NamedTuple, Protocol
+from uuid import uuid4
 
 from granphon.base.errors import GranphonError, OutputError, message
 from granphon.base.progress import Progress, Step, silent
-from granphon.sweeps.entries import TaskResult, decode, encode
+from granphon.sweeps.entries import HEAD, TaskResult, decode, encode, name_of
 from granphon.sweeps.schedulers import adapt
 from granphon.sweeps.store import Store
 from granphon.sweeps.workers import WorkerLost
 
-__all__ = ["Done", "Task", "carry_out", "solve_all"]
+__all__ = ["Done", "Task", "carry_out", "hand_over", "solve_all"]
 
 #: time after which a worker begins nothing more of a batch, s
 BATCH_SECONDS = 0.5
@@ -87,16 +91,52 @@ class Done(NamedTuple):
     seconds: float
 
 
-def carry_out(orders: Sequence[tuple[Task, TaskResult | None]], limit: float = BATCH_SECONDS) -> list[Done]:
-    """Do tasks, each with its steps so far, in turn, and return what has been done of the first ones.
+@dataclass
+class _Batch:
+    """What has been done of a batch, and the work that it belongs to; ``at`` is an unfinished task with its steps so far."""
+
+    work: str
+    done: list[Done] = field(default_factory=list)
+    at: tuple[Task, TaskResult] | None = None
+    stopped: bool = False
+
+
+#: the batches that are under way in this process, by the thread that carries them out
+_UNDER_WAY: dict[int, _Batch] = {}
+
+
+def hand_over(work: str) -> list[tuple[str, bytes]]:
+    """Return name and entry of what has been done of the batches of a work here, and let them begin nothing more."""
+    found = list[tuple[str, bytes]]()
+    for batch in list(_UNDER_WAY.values()):
+        if batch.work == work:
+            batch.stopped = True
+            found += [(name_of(one.entry[HEAD:]), one.entry) for one in list(batch.done)]
+            if (at := batch.at) is not None:
+                found.append((at[0].name, encode(at[0].name, at[1])))
+    return found
+
+
+def carry_out(orders: Sequence[tuple[Task, TaskResult | None]], work: str = "", limit: float = BATCH_SECONDS) -> list[Done]:
+    """Do tasks of a ``work``, each with its steps so far, in turn, and return what has been done of the first ones.
 
     After ``limit`` (s) nothing more is begun; the first step of the first task always is. An error of that step is raised.
     An error of a later one ends the batch before its task: it will come again, in a batch in which that task is the first.
+    So does :func:`hand_over`, which another thread calls.
     """
-    done, begun = list[Done](), time.perf_counter()
+    batch = _UNDER_WAY[get_ident()] = _Batch(work)
+    try:
+        _carry_out(orders, batch, limit)
+    finally:
+        del _UNDER_WAY[get_ident()]
+    return batch.done
+
+
+def _carry_out(orders: Sequence[tuple[Task, TaskResult | None]], batch: _Batch, limit: float) -> None:
+    done, begun = batch.done, time.perf_counter()
     for task, part in orders:
         new, before = 0, time.perf_counter()
-        while before - begun <= limit or not (done or new):
+        while (before - begun <= limit and not batch.stopped) or not (done or new):
             try:
                 part = task.solve(part)
             except Exception:
@@ -104,13 +144,13 @@ def carry_out(orders: Sequence[tuple[Task, TaskResult | None]], limit: float = B
                     raise
                 limit = -1.0
                 break
-            new, now = new + 1, time.perf_counter()
-            if task.done(part) >= task.steps or now - begun > limit:
+            new, now, batch.at = new + 1, time.perf_counter(), (task, part)
+            if task.done(part) >= task.steps or now - begun > limit or batch.stopped:
                 break
         if part is None or not new:
             break
         done.append(Done(encode(task.name, part), task.done(part), (time.perf_counter() - before) / new))
-    return done
+        batch.at = None
 
 
 # -- in the process that has them done ------------------------------------------------------------------------------
@@ -135,7 +175,7 @@ def solve_all(
 
     An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
     :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, tasks that have not begun
-    are cancelled, and results that come within a second are kept.
+    are cancelled, workers hand over what they have finished of a batch, and results that come within a second are kept.
     """
     known = store or Store()
     with progress.step(label, sum(task.steps for task in tasks)) as step:
@@ -207,6 +247,7 @@ class _Work:
         ready: SimpleQueue[Future[list[Done]]] = SimpleQueue()
         if (require := getattr(executor, "require", None)) is not None:
             require([self.tasks[index] for index in self.left])
+        work = uuid4().hex
         try:
             while self.left or running:
                 workers = count_workers(executor)
@@ -214,7 +255,7 @@ class _Work:
                     indices = self._take(workers)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
                     try:
-                        future = executor.submit(carry_out, orders)
+                        future = executor.submit(carry_out, orders, work)
                     except BaseException:
                         self.left.extendleft(reversed(indices))
                         raise
@@ -233,8 +274,13 @@ class _Work:
         finally:
             for future in running:
                 future.cancel()
-            late = [future for future in running if not future.cancelled()]
-            wait(late, _PATIENCE)
+            late, end = [future for future in running if not future.cancelled()], time.monotonic() + _PATIENCE
+            if late and (ask := getattr(executor, "ask", None)) is not None:
+                waiting = {self.tasks[index].name: index for future in late for index in running[future]}
+                for name, entry in (one for found in ask(hand_over, work) for one in found):
+                    if name in waiting:
+                        self._rescue(waiting[name], entry)
+            wait(late, max(end - time.monotonic(), 0.0))
             for future in late:
                 if future.done() and future.exception() is None:
                     for index, one in zip(running[future], future.result(), strict=False):

@@ -1,7 +1,8 @@
 """Worker processes that stop when they are told to, and do not outlive the process that has started them.
 
 Each has a pipe to a thread of this process, and nothing is shared: no lock that a killed worker could hold, and no semaphore
-that would be left behind. A worker ends when its pipe is closed, whoever closes it, even in the middle of its work.
+that would be left behind. A worker ends when its pipe is closed, whoever closes it, even in the middle of its work. One
+thread of a worker does the work, another one listens, and answers questions in the middle of it.
 """
 
 from __future__ import annotations
@@ -11,20 +12,23 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing.connection import Connection
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from granphon.base.errors import GranphonError, message
 from granphon.base.text import versions
 
-__all__ = ["WorkerLost", "hold_back_signals", "mask_interrupts", "packages", "worker_processes"]
+__all__ = ["ANSWER_SECONDS", "WorkerLost", "hold_back_signals", "mask_interrupts", "packages", "worker_processes"]
 
+#: longest time for which answers of workers to a question are waited for, s
+ANSWER_SECONDS = 0.5
 #: the future of a result, and the function with its arguments that gives it
 _Order = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]]
 
@@ -48,10 +52,16 @@ def packages() -> dict[str, str]:
 
 def _serve(pipe: Connection) -> None:
     """Call the functions that come through the pipe, one after the other, and send back their results."""
+    sending = threading.Lock()
+
+    def send(answer: tuple[bool | None, Any]) -> None:
+        with sending:
+            pipe.send(answer)
+
     # for platforms on which signals cannot be masked: the process that started this one ends it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     orders: SimpleQueue[Any] = SimpleQueue()
-    threading.Thread(target=_listen, args=(pipe, orders), daemon=True).start()
+    threading.Thread(target=_listen, args=(pipe, orders, send), daemon=True).start()
     while True:
         try:
             function, args, kwargs = orders.get()
@@ -59,18 +69,23 @@ def _serve(pipe: Connection) -> None:
         except BaseException as error:
             answer = (False, _note_place(error))
         try:
-            pipe.send(answer)
+            send(answer)
         except OSError:  # the other end of the pipe is closed
             return
         except Exception as error:  # the answer cannot be pickled
-            pipe.send((False, _note_place(RuntimeError(f"{type(error).__name__}: {error}"))))
+            send((False, _note_place(RuntimeError(f"{type(error).__name__}: {error}"))))
 
 
-def _listen(pipe: Connection, orders: SimpleQueue[Any]) -> None:
-    """Receive orders while others are carried out; end the process once the pipe is closed."""
+def _listen(pipe: Connection, orders: SimpleQueue[Any], send: Callable[[tuple[None, Any]], None]) -> None:
+    """Receive orders while others are carried out, and answer questions; end the process once the pipe is closed."""
     try:
         while True:
-            orders.put(pipe.recv())
+            question, order = pipe.recv()
+            if question:
+                function, args = order
+                send((None, function(*args)))
+            else:
+                orders.put(order)
     except (OSError, EOFError):
         os._exit(0)
     except BaseException:
@@ -133,6 +148,9 @@ class _Workers(Executor):
         self._most = most
         self._orders: SimpleQueue[_Order | None] = SimpleQueue()
         self._processes: list[Any] = []
+        #: the pipes of workers that carry out an order, with the lock for sending; and their answers to a question
+        self._busy: dict[Connection, threading.Lock] = {}
+        self._answers: SimpleQueue[Any] = SimpleQueue()
         #: number of orders that are not carried out yet, and the lock of that number
         self._open, self._counting = 0, threading.Lock()
         atexit.register(self.shutdown)  # runs before multiprocessing waits for them, if an interruption skips the shutdown
@@ -170,15 +188,22 @@ class _Workers(Executor):
             if not future.set_running_or_notify_cancel():
                 self._count(-1)
                 continue
+            sending = threading.Lock()
             try:
-                pipe.send(order)
-                done, answer = pipe.recv()
+                with sending:
+                    self._busy[pipe] = sending
+                    pipe.send((False, order))
+                while (received := pipe.recv())[0] is None:
+                    self._answers.put(received[1])
+                done, answer = received
             except (OSError, EOFError):
+                self._busy.pop(pipe, None)
                 self._forget(process)
                 future.set_exception(WorkerLost())
                 break
             except BaseException as error:  # the order or the answer cannot be pickled
                 done, answer = False, error
+            self._busy.pop(pipe, None)
             self._count(-1)  # before the result is known, so that what is submitted then is left to this worker
             if done:
                 future.set_result(answer)
@@ -203,6 +228,18 @@ class _Workers(Executor):
     def size(self) -> int:
         """Greatest number of processes."""
         return self._most
+
+    def ask(self, fn: Callable[..., Any], /, *args: Any) -> Iterator[Any]:
+        """Call ``fn``, which must be quick, in every worker that is at work, beside its work, and yield the answers."""
+        asked = 0
+        for pipe, sending in list(self._busy.items()):
+            with suppress(OSError), sending:
+                pipe.send((True, (fn, args)))
+                asked += 1
+        end = time.monotonic() + ANSWER_SECONDS
+        with suppress(Empty):
+            for _ in range(asked):
+                yield self._answers.get(timeout=max(end - time.monotonic(), 0.0))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue ``fn`` for the next worker that is free, and return the future of its result."""
