@@ -131,7 +131,12 @@ def test_options_of_a_run_stand_in_groups(capsys):
     parts = re.split(r"^(Arguments|Options|Files|Work):\n", capsys.readouterr().out, flags=re.MULTILINE)
     assert parts[1::2] == ["Arguments", "Options", "Files", "Work"]
     options = [re.findall(r"^  (?:-\w, )?(--[\w-]+)", text, re.MULTILINE) for text in parts[2::2]]
-    assert options == [[], ["--help"], ["--out", "--force", "--figures"], ["--resume", "--workers", "--quiet"]]
+    assert options == [
+        [],
+        ["--help"],
+        ["--out", "--force", "--figures"],
+        ["--resume", "--workers", "--scheduler", "--quiet"],
+    ]
 
 
 def test_a_help_loads_neither_rich_nor_numpy():

@@ -283,10 +283,15 @@ def test_a_spectral_function_is_drawn_at_its_wave_vectors(results):
     assert ax.get_xlim()[1] >= x[np.argmax(y)]
 
 
-@pytest.mark.parametrize("wrong", [3, None, "bands", STEEL, SimpleNamespace(dataset=None), [1.0]], ids=repr)
+@pytest.mark.parametrize("wrong", [3, None, "bands", STEEL, SimpleNamespace(dataset=None), 1.0], ids=repr)
 def test_what_has_no_picture_is_one_clear_error(wrong):
     with pytest.raises(InputError, match=r"has no default picture\. Give bands, a density of states, a sweep"):
         gp.plot(wrong)
+
+
+def test_a_list_of_what_has_no_picture_is_one_clear_error():
+    with pytest.raises(InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"):
+        gp.plot([1.0])
 
 
 def test_a_data_set_that_is_no_sweep_has_no_picture():

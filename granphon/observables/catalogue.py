@@ -389,14 +389,17 @@ def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> d
 
     With ``swept`` only those that sweeps store.
     """
-    found = ((name, find(of)) for name, find in _list_finders(tuple(costs), swept))
+    found = ((name, find(of)) for name, find in _list_finders(tuple(CATALOGUE), tuple(costs), swept))
     return {name: value for name, value in found if value is not None}
 
 
 @cache
-def _list_finders(costs: tuple[CostClass, ...], swept: bool) -> list[tuple[str, Callable[[Analysis], Any]]]:
-    """Return name and function of the observables of these costs, in the order of the costs."""
-    every = [one for cost in costs for one in CATALOGUE.values() if one.cost == cost and (one.swept or not swept)]
+def _list_finders(
+    names: tuple[str, ...], costs: tuple[CostClass, ...], swept: bool
+) -> list[tuple[str, Callable[[Analysis], Any]]]:
+    """Return name and function of those observables among ``names`` that have these costs, in the order of the costs."""
+    known = [CATALOGUE[name] for name in names]
+    every = [one for cost in costs for one in known if one.cost == cost and (one.swept or not swept)]
     return [(one.name, one.find) for one in every if one.find is not None]
 
 

@@ -136,6 +136,7 @@ class Job:
             "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
             "qpoints": self.qpoints, "direction": self.direction, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
+        data |= {"chosen": True} if rung.chosen else {}  # such a state is valid wherever it was chosen
         data |= {} if self.waves is None else {"waves": self.waves, "exponents": self.exponents}
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
