@@ -154,7 +154,7 @@ def _start_cluster(count: int) -> Iterator[Any]:
     They end with this process, however it ends: each has a pipe to it, and ends when that is closed.
     """
     import dask
-    from distributed import LocalCluster
+    from distributed import LocalCluster, Status
 
     others = set(multiprocessing.active_children())
     free = available_memory()
@@ -180,6 +180,7 @@ def _start_cluster(count: int) -> Iterator[Any]:
             with suppress(Exception):
                 cluster.close(timeout=_CLOSING_SECONDS)
             _kill_workers(others)  # one that was being started is not stopped by closing
+            cluster.status = Status.closed  # if closing took too long: nothing of it is left, and dask is not to warn
 
 
 def _start_tracker() -> None:
