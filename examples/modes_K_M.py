@@ -1,5 +1,5 @@
 r"""Modes at K and M: how balls move and turn
-=============================================
+=========================================
 
 The three modes of steel balls at K (upper row) and at M (lower row), in order of frequency from left to right. Arrows are
 displacements. The sector on each ball is the angle through which it has turned, vermilion anticlockwise and blue

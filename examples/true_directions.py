@@ -1,5 +1,5 @@
 r"""G/K in the limit of small width, and beyond
-===============================================
+===========================================
 
 By default simulated contacts keep the directions of the lattice. This is the limit in which the width of the spread is much
 smaller than the diameter. With friction in the sound this limit is reached slowly. At low load some balls are loose. With

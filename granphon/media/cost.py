@@ -429,5 +429,5 @@ def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
     """
     states = cases * loads
     what = f"{states:,} states" + (f" with {frequencies:,} frequencies each" if frequencies else "")
-    memory = 8000.0 * cases + states * (2400.0 + 20.0 * frequencies) + 120.0 * frequencies
+    memory = 8000.0 * cases + states * (2400.0 + 30.0 * frequencies) + 120.0 * frequencies
     return Cost(kept=memory, known=4e-3 * cases + states * (5e-5 + 4e-7 * frequencies), parts=(what,))
