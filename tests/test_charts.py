@@ -145,8 +145,14 @@ def test_one_sample_of_a_simulation_is_points_without_bars(ax, variable):
     assert [one.get_linestyle() for one in ax.get_legend().get_lines()][:2] == ["-", "None"]
 
 
-def test_long_labels_stand_below_each_other():
-    data = sweep(PACKING, force=[2.0, 9.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
+LOADED = {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.5, "seed": 3, "samples": 2}
+
+
+@pytest.mark.parametrize(
+    "media", [("ema", {"simulation": {"shape": (8, 8), "samples": 3}}), ({"simulation": LOADED},)], ids=["two", "a long one"]
+)
+def test_long_labels_stand_below_each_other(media):
+    data = sweep(PACKING, force=[2.0, 9.0], media=media)
     figure = sweep_figure(data)
     figure.draw_without_rendering()
     (legend,) = figure.legends

@@ -265,6 +265,12 @@ def test_plot_takes_several_results_and_an_axes(steel, glass, ax):
         ("simulation", "simulation, a sample of 128 x 128 balls"),
         ({"simulation": {"shape": (8, 8), "seed": 3, "geometry": "exact"}},
          "simulation, a sample of 8 x 8 balls, true geometry, seed 3"),
+        ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "ordered": True}},
+         "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, as a path"),
+        ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "start": "gas"}},
+         "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, from the gas"),
+        ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "start": 0.6}},
+         "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, from a* of 0.6"),
         ({"auto": {"tolerance": 1e-2}}, "automatic medium, error below 1 %"), ({"cluster": {"balls": 7}}, "cluster medium"),
         ({"cluster": {"balls": 13}}, "cluster medium, 13 balls"),
     ],
@@ -348,7 +354,9 @@ def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(folders, 
         (["sweep", "one", "-o", "x.txt"], "names no figure format"),
         (["sweep", "fit", "--data", "side.csv"], "side.csv gives side forces"),
         (["sweep", "one", "--asymptotes"], "--asymptotes is for the bands of one run"),
-        (["sweep", "side.csv"], "side.csv"), (["sweep", "sweep.yaml"], "sweep.yaml is no folder, and no file of results"),
+        (["sweep", "side.csv"], "side.csv is no folder, and no file of results"),
+        (["fit", "sweep/sweep.csv"], "sweep/sweep.csv is no folder, and no file of results"),
+        (["sweep", "sweep.yaml"], "sweep.yaml is no folder, and no file of results"),
     ):  # fmt: skip
         assert main(["plot", *words, *["-o", "new.png"] * ("-o" not in words)]) == 2, words
         out, err = capsys.readouterr()

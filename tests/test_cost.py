@@ -280,6 +280,10 @@ def test_iterations_of_a_history_are_those_of_the_solver(mu, spacings, tolerance
     assert 0.25 < counted / done.conjugate < 4.0
 
 
+def test_the_most_friction_there_is_costs_no_more_than_no_sliding():
+    assert count_iterations(100, 1e300) == count_iterations(100, np.inf)
+
+
 def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():
     load = Load("overlap", 0.2 * WIDTH)
     times = [estimate(pressed(mu), load).work for mu in (np.inf, 0.5, 0.2, 0.1, 0.05, 0.02)]

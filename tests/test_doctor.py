@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from granphon.cli import doctor
 from granphon.cli.app import GROUPS
@@ -46,6 +47,11 @@ def test_doctor_tells_versions_threads_memory_and_fonts(quick, capsys, monkeypat
     assert found["memory available"].endswith("B")
     assert found["letters drawn"] == "Gamma, mu and plus-minus, mathtext"
     assert "writable" in found["config folder"]
+
+
+def test_what_shares_a_sweep_among_machines_is_told():
+    extra = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]["distributed"]
+    assert {Requirement(one).name for one in extra} <= set(doctor.OPTIONAL)
 
 
 def test_doctor_tells_nothing_personal(quick, capsys, monkeypatch, tmp_path):

@@ -22,6 +22,7 @@ from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import integrate_last
+from granphon.array.residuals import solve_by_minimal_residuals
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR
@@ -551,6 +552,22 @@ def test_a_path_does_not_go_on_for_ever(monkeypatch):
     monkeypatch.setattr(module, "_MOST_STEPS", 2)
     with pytest.raises(ConvergenceError, match="more than 2 steps"):
         run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])
+def test_arrays_of_one_or_two_balls_come_to_rest(shape):
+    state = run(history(shape, 0.2, start=Prescribed(force=0.05)), [Prescribed(force=0.3), Prescribed(force=0.5)])[-1]
+    assert state.residual <= 1e-9
+
+
+def test_a_solution_that_repeats_itself_or_cannot_be_reached_ends():
+    matrix = np.diag([2.0, 1.0, 0.0]).astype(np.float32)
+    found, taken = solve_by_minimal_residuals(lambda v: matrix @ v, lambda v: v, np.array([2.0, 1.0, 0.0]), 1e-12, 50)
+    assert np.allclose(found, [1.0, 1.0, 0.0], rtol=1e-6)
+    assert taken < 50
+    lost, taken = solve_by_minimal_residuals(lambda v: matrix @ v, lambda v: v, np.array([0.0, 0.0, 1.0]), 1e-3, 50)
+    assert not np.any(lost)
+    assert taken == 0
 
 
 def test_where_the_array_stands_no_step_is_taken():

@@ -88,11 +88,15 @@ def test_a_named_column_goes_before_one_found(tmp_path):
     ("text", "options", "words"),
     [
         ("force (N),v (m/s)\n2,5\n", {}, "no column named 'velocity'"),
-        ("force (N),v (m/s)\n2,5\n", {}, "meant, as in --column 'velocity=NAME' or columns={'velocity': 'NAME'}"),
+        (
+            "force (N),v (m/s)\n2,5\n",
+            {},
+            "meant 'velocity'; granphon fit also takes --column 'velocity=NAME', Python col",
+        ),
         ("f (N),velocity (m/s)\n2,5\n", {}, "no column named 'force'"),
         ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
-        ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Name the column"),
-        ("pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both side_force and pressure. Name the column"),
+        ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Head the column"),
+        ("pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both side_force and pressure. Head the column"),
         ("pressure (N/m),velocity (m/s)\n2,3\n", {}, "gives pressures. The contact forces depend on the packing too"),
         ("pressure (Pa),velocity (m/s)\n2,3\n", {"pressed": float}, "whose unit is not a unit of force per length"),
         ("force (N),velocity (m/s),sigma (%)\n2,3,-1\n", {}, "data.csv:2: sigma: found '-1 %', which is negative"),

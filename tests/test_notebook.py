@@ -147,12 +147,18 @@ def test_the_table_of_a_scene_computes_no_state(monkeypatch):
     monkeypatch.setattr(type(scene), "states", None)
     found = read(scene._repr_html_())
     assert found["force"] == ("18.446", "N")
-    assert found["medium"] == ("ema", "")
+    assert found["medium"] == ("effective medium", "")
     assert found["path"] == ("G K M G", "")
     assert found["mesh"] == ("4 x 4", "")
     text = SCENE.replace("18.446 N", "[1 N, 2 N]").replace("bands, dos", "bands")
     swept = gp.Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n")
     assert read(swept._repr_html_())["sweep of width"] == ("1e-06, 2e-06", "m")
+    loading = "{simulation: {shape: 8 8, friction_history: true, friction_coefficient: 0.2, start: {force: 0.5 N}}}"
+    loaded = gp.Scene.from_text(SCENE.replace("observe: [velocities, bands, dos]", f"medium: {loading}"))
+    told = read(loaded._repr_html_())["medium"][0]
+    assert told.startswith("simulation, a sample of 8 x 8 balls")
+    assert told.endswith("from force 500 mN")
+    assert "=" not in told
 
 
 def test_the_table_of_a_run_is_its_summary(tmp_path):
@@ -173,7 +179,7 @@ def test_the_table_of_a_run_is_its_summary(tmp_path):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (1.23456789, "1.23457"), (7, "7"), (True, "yes"), (None, "none"), ("word", "word"), ("a" * 100, "a" * 76 + " ..."),
+        (1.23456789, "1.23457"), (7, "7"), (True, "yes"), (None, "none"), ("word", "word"), ("a" * 200, "a" * 156 + " ..."),
         (np.array([1.0, 2.5]), "1, 2.5"), (np.zeros((2, 3)), "array 2 x 3, all 0"), (np.zeros((0, 3)), "array 0 x 3"),
         (np.array([[1.0, np.nan]]), "array 1 x 2, all 1, 1 not finite"), (np.full(3, np.nan), "nan, nan, nan"),
         (np.full(9, np.inf), "array 9, 9 not finite"), (np.array([3j, 4.0]), "array 2, magnitudes 3 to 4"),

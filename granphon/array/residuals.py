@@ -26,6 +26,8 @@ _KEPT = 60
 _CACHED = 2**14
 #: part of a vector's length that is left by the projection on those before it, below which it is projected once more
 _CANCELLED = 0.1
+#: part of it that is nothing but rounding: the vector then lies among those before it
+_ROUNDING = float(np.finfo(np.float32).eps)
 
 
 def solve_by_minimal_residuals(
@@ -33,7 +35,8 @@ def solve_by_minimal_residuals(
 ) -> tuple[Array, int]:
     """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, ``most`` of them at most.
 
-    A and the preconditioner take and return flat arrays in single precision.
+    A and the preconditioner take and return flat arrays in single precision. Of a part of ``right`` that A cannot reach
+    nothing is found.
     """
     size, taken = math.sqrt(dot(right, right)), 0
     found = np.zeros_like(right)
@@ -42,6 +45,8 @@ def solve_by_minimal_residuals(
     rest, left = (right / size).astype(np.float32), 1.0
     while left > reduction and taken < most:
         count, left, change = _cycle(apply, precondition, rest, reduction, min(_KEPT, most - taken))
+        if not count:  # what is left is out of reach of A
+            break
         found += change
         taken += count
         if left > reduction:
@@ -61,14 +66,16 @@ def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: flo
     for column in range(kept):
         ways[column] = precondition(basis[column])
         new, old = apply(ways[column]), basis[: column + 1]
-        before, height = math.sqrt(dot(new, new)), 0.0
-        while height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
-            before = height or before
+        whole = height = math.sqrt(dot(new, new))
+        before = math.inf
+        while _ROUNDING * whole < height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
+            before = height
             parts = np.sum([np.einsum("ij,j->i", old[:, some], new[some]) for some in blocks], axis=0)
             for some in blocks:
                 new[some] -= np.einsum("i,ij->j", parts, old[:, some])
             triangle[: column + 1, column] += parts
             height = math.sqrt(dot(new, new))
+        height = height if height > _ROUNDING * whole else 0.0
         line, count = triangle[:, column], column + 1
         for row, (c, s) in enumerate(turns):
             line[row], line[row + 1] = c * line[row] + s * line[row + 1], c * line[row + 1] - s * line[row]

@@ -14,7 +14,7 @@ from granphon.base.errors import brief
 __all__ = ["describe_value", "write_html"]
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
-_MOST_LETTERS, _MOST_ENTRIES = 80, 6
+_MOST_LETTERS, _MOST_ENTRIES = 160, 6
 
 
 def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:

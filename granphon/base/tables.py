@@ -133,7 +133,7 @@ class Table:
         place = places[0]
         unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
         if not unit:
-            head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant; an option may give it too"
+            head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant"
             raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
         quoted = self.quoted or kind.measures(self.headings[place].unit)
         if not quoted and not kind.measures(unit):

@@ -33,6 +33,7 @@ from granphon.figures.sweep_lines import (
     read_values,
     write_labels,
 )
+from granphon.figures.words import join_facts
 from granphon.observables.catalogue import CATALOGUE, axis_label
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
 
-#: labels longer than this, in letters, do not stand side by side in a column
-_LONG_LABEL = 24
+#: letters of a line of the legend; labels longer than the second number do not stand side by side in a column
+_LETTERS, _LONG_LABEL = 50, 24
 #: rows of a legend for which a figure has room, and height that each further one adds, in inches
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.16
 #: names that stand nearer than this one above the other, over the height of the axes, are written in one
@@ -203,14 +204,22 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         if variable is None and _PULSE in velocities:
             style: dict[str, Any] = {"marker": _MARKERS[_PULSE], "markersize": 3.0, "linestyle": "none"}
             handles.append(Line2D([], [], color="0.3", label=_VELOCITIES[_PULSE], **style))
-        title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
-        longest = max(len(str(handle.get_label())) for handle in handles)
-        columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
+        title = _break_lines(media[0]) if len(media) == 1 and handles[0].get_label() != media[0] else None
+        labels = [_break_lines(str(handle.get_label())) for handle in handles]
+        for handle, label in zip(handles, labels, strict=True):
+            handle.set_label(label)
+        columns = 1 if max(map(len, labels)) > _LONG_LABEL else min(2, len(handles))
         # a long legend does not take the room of the panels
-        more = max(0, -(-len(handles) // columns) - _LEGEND_ROWS) * _ROW_HEIGHT
+        rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
+        more = max(0, rows - _LEGEND_ROWS) * _ROW_HEIGHT
         figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
         figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title)
     return figure
+
+
+def _break_lines(label: str) -> str:
+    """Return a label in lines for which a column has room."""
+    return label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
 
 
 def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str, str]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from granphon.balls.packing import Packing
+from granphon.base.quantities import load_quantities
 from granphon.base.scales import prefixed
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 
@@ -32,7 +33,8 @@ MEDIA = {
 _OPTIONS = {
     "local_field=paper": "local field of the paper", "friction_history=true": "loaded with friction",
     "geometry=exact": "true geometry", "balls": "{} balls", "tolerance": "error below {}", "seed": "seed {}",
-    "start": "from {}", "friction_coefficient": "friction coefficient {}",
+    "start": "from {}", "start=gas": "from the gas", "ordered=true": "as a path",
+    "friction_coefficient": "friction coefficient {}",
 }  # fmt: skip
 #: symbols of the numbers that describe balls, and their units, with the names under which sweeps vary them
 _SYMBOLS = {
@@ -61,6 +63,9 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
     for option, value in options.items():
         if option == "tolerance":
             value = f"{100.0 * float(value):g} %"
+        if option == "start" and value != "gas":
+            load, _, size = value.rpartition(" ")
+            value = f"{load} {write_value(float(size), load_quantities(periods)[load].unit)}" if load else f"a* of {size}"
         plain = _OPTIONS.get(f"{option}={value}") or _OPTIONS.get(option, option.replace("_", " ") + " {}")
         words.append(plain.format(value))
     return ", ".join(words)

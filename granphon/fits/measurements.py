@@ -35,8 +35,9 @@ COLUMNS: Mapping[str, Quantity] = {
 
 
 def _tell_column(kind: str) -> str:
-    """Tell how to name the column that is meant, on the command line and in Python."""
-    return f"Name the column that is meant, as in --column '{kind}=NAME' or columns={{'{kind}': 'NAME'}}"
+    """Tell how to name the column that is meant: in the file, for ``granphon fit``, and in Python."""
+    options = f"granphon fit also takes --column '{kind}=NAME', Python columns={{'{kind}': 'NAME'}}"
+    return f"Head the column that is meant '{kind}'; {options}"
 
 
 def read_sigma(text: str, velocity: Array) -> Any:

@@ -144,7 +144,9 @@ def _check_contacts(network: ContactNetwork) -> None:
         fine = np.all(np.abs(force) < LARGEST, axis=1)
         wrong = f"has a tangential_force that is not finite, or above {LARGEST:g} N"
         _require(network, "tangential_force", fine, "contact", wrong)
-        along = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= _ALONG * np.linalg.norm(force, axis=1)
+        # among the least of all numbers rounding turns a force
+        least = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
+        along = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= least
         mend = "Leave the normal force out of it"
         _require(network, "tangential_force", along, "contact", "has a tangential_force that is not across its normal", mend)
     for name in ("arm_i", "arm_j"):

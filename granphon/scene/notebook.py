@@ -18,12 +18,14 @@ __all__ = ["Summarised", "write_scene"]
 
 def write_scene(scene: Scene) -> str:
     """Return a table of what a scene says, in SI units; no state is computed."""
+    from granphon.figures.words import describe_medium
+
     load, periods = scene.load, scene.packing.structure.periods
     rows: list[tuple[str, Any, str]] = [
         *describe_packing(scene.packing),
         (load.kind.replace("_", " "), load.array, load_quantities(periods)[load.kind].unit),
         *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
-        ("medium", tuple(choice.label for choice in scene.media), ""),
+        *(("medium", describe_medium(one.label, periods, scene.packing.structure.n_balls), "") for one in scene.media),
         *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in scene.parameters),
         ("finite overlap", scene.finite_overlap, ""),
         ("observe", scene.observe, ""),

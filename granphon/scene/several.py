@@ -169,7 +169,9 @@ def _name_kind(path: Path) -> str:
     """Return the name under which a file of results is known, by its ending where it was renamed."""
     if path.name in (*DRAWN, _SUMMARY):
         return path.name
-    known = {".nc": "sweep.nc", ".csv": "dos.csv"}
+    known = {".nc": "sweep.nc"}
+    if path.suffix == ".csv" and read_bytes(path).startswith(b"frequency_Hz"):
+        known[".csv"] = "dos.csv"  # other tables are for spreadsheets
     if path.suffix == ".yaml":
         raw = read_bytes(path)
         known |= (
