@@ -6,6 +6,7 @@ import builtins
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -473,3 +474,19 @@ def test_the_command_with_a_local_scheduler(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == ""
     assert gp.load_sweep("one/sweep.nc").identical(gp.load_sweep("two/sweep.nc"))
     wait_for(lambda: children() == before)
+
+
+def test_another_service_that_is_silent_is_one_clear_error(monkeypatch):
+    monkeypatch.setattr(schedulers, "_ANSWER_SECONDS", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with (
+            pytest.raises(GranphonError, match=f"the scheduler at {address} cannot be reached"),
+            schedulers.open_executor(scheduler=address),
+        ):
+            pass
+
+
+def test_a_protocol_that_no_scheduler_has_is_refused():
+    with pytest.raises(InputError, match=r"found 'http://127\.0\.0\.1:8786'; allowed: the address of a dask"):
+        schedulers.read_scheduler("http://127.0.0.1:8786")

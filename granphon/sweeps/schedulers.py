@@ -6,6 +6,7 @@ and go: dask gives the tasks of one that is lost to others, and those that come 
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import multiprocessing
 import os
@@ -45,7 +46,7 @@ _LOOK_SECONDS = 2.0
 #: longest time that closing the connection may take, s
 _CLOSING_SECONDS = 1.0
 #: an address: a protocol, if it is not TCP; a host; a port
-_ADDRESS = re.compile(r"(?:[a-z]+://)?(?:\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):([0-9]{1,5})")
+_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(?:\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):([0-9]{1,5})")
 #: options of a scheduler whose web server takes any free port of this machine alone
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 #: what the names begin with that dask gives to worker processes
@@ -211,6 +212,7 @@ def _connect(address: str, what: str) -> Iterator[Any]:
     from distributed import Client
 
     try:
+        asyncio.run(asyncio.wait_for(_greet(address), _ANSWER_SECONDS))
         with warnings.catch_warnings():  # of versions that differ, which are looked at here
             warnings.simplefilter("ignore")
             client = Client(address, timeout=_ANSWER_SECONDS, set_as_default=False, name="granphon")
@@ -222,6 +224,20 @@ def _connect(address: str, what: str) -> Iterator[Any]:
     finally:
         with hold_back_signals(), suppress(Exception):
             client.close(timeout=_CLOSING_SECONDS)
+
+
+async def _greet(address: str) -> None:
+    """Ask who answers there: a client would wait for ever for another service that takes the connection and is silent."""
+    from distributed.comm import connect
+
+    comm = await connect(address, timeout=_ANSWER_SECONDS)
+    try:
+        await comm.write({"op": "identity", "reply": True})
+        answer = await comm.read()
+    finally:
+        comm.abort()
+    if not isinstance(answer, dict) or answer.get("type") != "Scheduler":
+        raise ValueError(answer)
 
 
 # -- the executor ---------------------------------------------------------------------------------------------------
