@@ -87,6 +87,19 @@ def test_mechanisms_are_counted(method):
     np.testing.assert_allclose(modes.frequencies, nearest(bands, 4, 0.0), rtol=1e-8)
 
 
+def test_modes_are_found_where_the_fast_method_of_singular_values_fails(monkeypatch):
+    network, _ = ideal(shape=(9, 8))
+    known = gp.Waves(network).modes(14)
+
+    def fail(matrix):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", fail)
+    found = gp.Waves(network).modes(14)
+    np.testing.assert_allclose(found.frequencies, known.frequencies, rtol=1e-12)
+    assert found.residual <= 1e-8
+
+
 def test_low_frequencies_lose_no_digits():
     """A chain with one weak spring: of squares of frequencies few digits would be left."""
     network, _ = ideal("chain", (40,), 0.0)

@@ -88,7 +88,7 @@ class Problem:
             omega = np.sqrt(np.maximum(squares, 0.0))
         else:
             # the squares of R are those of A, whose rows are many more
-            _, sizes, rows = np.linalg.svd(np.linalg.qr(operator.root @ whole, mode="r"))
+            sizes, rows = _find_singular(np.linalg.qr(operator.root @ whole, mode="r"))
             omega = np.zeros(len(rows))
             omega[: sizes.size] = sizes
             order = np.argsort(omega, kind="stable")
@@ -101,6 +101,20 @@ class Problem:
         """Return the places of the ``count`` frequencies nearest to ``target`` that cost energy, ascending."""
         cost = np.flatnonzero(omega > ZERO * self.top)
         return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
+
+
+def _find_singular(matrix: Array) -> tuple[Array, Array]:
+    """Return the singular values of a matrix, and its right singular vectors as rows.
+
+    LAPACK's fast method fails on some matrices with hundreds of singular values near zero; the slower one does not.
+    """
+    try:
+        _, sizes, rows = np.linalg.svd(matrix)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import svd
+
+        _, sizes, rows = svd(matrix, lapack_driver="gesvd")
+    return sizes, rows
 
 
 def make_too_few(there: int, count: int) -> InputError:
