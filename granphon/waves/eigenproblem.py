@@ -88,7 +88,7 @@ class Problem:
             omega = np.sqrt(np.maximum(squares, 0.0))
         else:
             # the squares of R are those of A, whose rows are many more
-            sizes, rows = _find_singular(np.linalg.qr(operator.root @ whole, mode="r"))
+            sizes, rows = _find_singular(np.asarray(np.linalg.qr(operator.root @ whole, mode="r")))
             omega = np.zeros(len(rows))
             omega[: sizes.size] = sizes
             order = np.argsort(omega, kind="stable")
