@@ -320,7 +320,8 @@ class Rung:
     loads : (n,) indices of the loads that it serves.
     packing : the balls.
     load : these loads, with their values in SI.
-    chosen : whether an :class:`AutoMedium` chose the medium for its expected error, which is relative to ``truth``.
+    chosen : whether an :class:`AutoMedium` chose the medium for its expected error.
+    truth : simulated arrays that the error is relative to.
     """
 
     medium: MediumChoice
