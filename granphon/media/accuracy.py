@@ -63,8 +63,7 @@ class Truth:
     Attributes
     ----------
     friction_coefficient : mu of a loading from rest without friction at a* = 1/2; None for arrays at rest without friction.
-    shear_response : of arrays loaded with friction to sound, one of
-        :data:`~granphon.array.pressed_sample.SHEAR_RESPONSES`.
+    shear_response : "slide", "stick" or "partial_slip": how contacts of arrays that are loaded with friction resist sound.
     """
 
     friction_coefficient: float | None = None
