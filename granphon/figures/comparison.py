@@ -14,6 +14,7 @@ from typing import Any
 from granphon.figures.curves import (
     MOST_LOOKS,
     Curve,
+    Look,
     draw_curve,
     make_handle,
     make_looks,
@@ -256,6 +257,11 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
     return labels, common if len(runs) > 1 else []
 
 
+def _write_style(look: Look) -> dict[str, Any]:
+    """Return the look of a line as options of matplotlib."""
+    return {"color": look.colour, "linewidth": look.width} | ({"dashes": look.dashes} if look.dashes else {})
+
+
 def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
     """Draw bands one over the other, a colour for each run; :class:`InputError` if their paths differ."""
     every = [run.bands for run in runs if run.bands is not None]
@@ -271,9 +277,7 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
     labels, common = _describe_spectra(runs)
     handles = []
     for n, (bands, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
-        style: dict[str, Any] = {"color": look.colour, "linewidth": look.width} | (
-            {"dashes": look.dashes} if look.dashes else {}
-        )
+        style = _write_style(look)
         for s, along in enumerate(bands.distances):
             ax.plot(along, bands.connected_frequencies[s] / unit.hertz, gid=f"bands-{n}", **style)
         handles.append(Line2D([], [], label=label, **style))
@@ -293,9 +297,7 @@ def _draw_dos(runs: Sequence[Run], ax: Axes) -> _Drawn:
     labels, common = _describe_spectra(runs)
     handles = []
     for n, (dos, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
-        style: dict[str, Any] = {"color": look.colour, "linewidth": look.width} | (
-            {"dashes": look.dashes} if look.dashes else {}
-        )
+        style = _write_style(look)
         ax.plot(dos.frequencies / unit.hertz, dos.total * unit.hertz, gid=f"dos-{n}", **style)
         handles.append(Line2D([], [], label=label, **style))
     name = print_hertz(unit)
