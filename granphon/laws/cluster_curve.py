@@ -23,7 +23,7 @@ from granphon.base.results import read_only
 from granphon.base.threads import single_products
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
 from granphon.laws.cluster_balance import Balance, ClusterBalance, Effective
-from granphon.laws.cluster_descent import ClusterDescent
+from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
 from granphon.laws.cluster_points import draw_points
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, Series
 
@@ -35,7 +35,9 @@ LEAST_SOLVED_FORCE = 3e-3
 #: number of overlaps at which the polynomial is fitted, and its degree: each overlap gives two numbers
 _NODES, _DEGREE = 23, 18
 #: weight of a stiffness in the fit, over that of a force: its quadrature error is larger
-_SLOPE_WEIGHT = 0.03
+_SLOPE_WEIGHT = 0.01
+#: relative error of the force that the polynomial is expected to have by itself
+_FIT = 2e-5
 #: weight of the series where the polynomial joins it
 _JOIN_WEIGHT = 100.0
 #: overlaps at which the series is fitted, over the one where it begins, and its orders
@@ -44,10 +46,10 @@ _FAR, _ORDERS = (6.0, 3.0, 1.8, 1.3, 1.0), np.arange(3, 10)
 _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
 _TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
-#: relative standard error of the force that the quadrature may leave, and f* from which on it may not be larger
-_ERROR, _ERROR_FORCE = 7e-5, 0.022
-#: f* between which it is found at all overlaps of the curve, not at every other one
-_DENSE = (0.02, 0.5)
+#: relative standard error of the force that the quadrature may leave, f* from which on it may not be larger, and the most
+_ERROR, _ERROR_FORCE, _MOST_ERROR = 8e-5, 0.022, 2.5e-3
+#: part of that which the survey between the overlaps where it is found may add
+_ROUGH_SHARE = 0.45
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
 _LEAST_SHARE, _MOST_END = 0.02, 0.02
 #: x at the lowest overlap
@@ -91,7 +93,10 @@ def _solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambl
     near = [far[-1]]
     # from the top to the lowest overlap, the ends included
     x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
-    for y in (1.0 / x[1:] - offset).tolist():
+    overlaps = 1.0 / x[1:] - offset
+    if lowest < 0.0:
+        overlaps[np.argmin(np.abs(overlaps[:-1]))] = 0.0  # that of touching balls is one of them
+    for y in overlaps.tolist():
         near.append(balance.step(near[-1], y))
     return ClusterCurve.fit(far, _refine(near, ClusterDescent(response, shape, few, seed), offset), offset, second)
 
@@ -99,29 +104,24 @@ def _solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambl
 def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
     """Take the quadrature error off solutions in descending order of y.
 
-    At every other one it is taken off whole, and at all where that matters most. Between them a survey, of the same points
-    everywhere, says how the means go. What is left to add to it is a spline: it is smooth, being the error of the survey, as
-    the scatter between sets of the survey says. What is taken off the stiffness is the slope of what is taken off the force.
+    At every other one it is taken off whole. Between them means are those of the cubic polynomial through the nearest four,
+    and what a survey says that they are off it. What is taken off the stiffness is the slope of what is taken off the force.
     """
     from scipy.interpolate import CubicSpline
 
-    x = 1.0 / (np.array([one.y for one in found]) + offset)
-    is_whole = np.array([i % 2 == 0 or _DENSE[0] < one.force < _DENSE[1] for i, one in enumerate(found)])
-    whole, rest = np.flatnonzero(is_whole).tolist(), np.flatnonzero(~is_whole).tolist()
-    better = [descent.refine(found[i], _find_goal(found[i].force), 1 + i) for i in whole]
-    surveys = np.zeros((len(found), *better[0].survey.shape))
-    surveys[whole] = [one.survey for one in better]
-    surveys[rest] = [descent.survey(found[i]) for i in rest]
-    means = surveys.mean(axis=1)
-    means += CubicSpline(x[whole], [one.means - means[i] for i, one in zip(whole, better, strict=True)])(x)
-    # points of the solutions that are better are not the same: their errors are independent
-    weights = CubicSpline(x[whole], np.eye(len(whole)))(x)
-    rough = surveys[..., 0] - CubicSpline(x[whole], surveys[whole, :, 0])(x)
-    errors = np.hypot(
-        np.sqrt(weights**2 @ np.square([one.error for one in better])),
-        np.std(rough, axis=1, ddof=1) / np.sqrt(rough.shape[1]),
-    )
-    slope = CubicSpline(x, means[:, 0] - [one.force for one in found])(x, 1)
+    x, forces = np.array([(1.0 / (one.y + offset), one.force) for one in found]).T
+    goals = np.array([_find_goal(force) for force in forces.tolist()])
+    whole = _choose_whole([one.y for one in found])
+    weights = _weigh_neighbours(x, whole)
+    better = [descent.refine(found[i], goals[i], 1 + i) for i in whole.tolist()]
+    first = np.empty((len(found), *better[0].first.shape))
+    first[whole] = [one.first for one in better]
+    rest = np.setdiff1d(np.arange(len(found)), whole)
+    first[rest] = [descent.evaluate_first(found[i]) for i in rest.tolist()]
+    off, variances = _survey(found, descent, first, weights, whole, _ROUGH_SHARE * goals * forces)
+    means = weights @ [one.means for one in better] + off
+    errors = np.sqrt(np.square(weights) @ [one.error**2 for one in better] + variances)
+    slope = CubicSpline(x, means[:, 0] - forces)(x, 1)
     return [
         replace(
             one, force=force, stiffness=one.stiffness - float(at**2 * change), error=float(error / force),
@@ -133,14 +133,60 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
     ]  # fmt: skip
 
 
+def _survey(
+    found: list[Balance], descent: ClusterDescent, first: Array, weights: Array, whole: NDArray[np.intp], bounds: Array
+) -> tuple[Array, Array]:
+    """Return how far the means (n, 4) are off the polynomials through those of the ``whole``, and the variances (n,).
+
+    Both are zero where the solutions are whole themselves. Points are the same everywhere, so that their error is a smooth
+    function of y and hardly matters. How rough it is follows from the scatter between sets of points, of which there are so
+    many that the standard error comes down to the ``bounds``.
+    """
+
+    def find_off(means: Array) -> Array:
+        return np.asarray(means - np.einsum("iw,swm->sim", weights, means[:, whole]))
+
+    middle, long = np.moveaxis(first, 0, 2)
+    wanted = np.ceil(np.square(np.std(find_off(middle)[..., 0], axis=0, ddof=1) / bounds))
+    counts = np.clip(wanted, len(middle), MOST_SETS).astype(int)
+    # a set serves at a place if all solutions of its polynomial have it
+    drawn = counts.copy()
+    drawn[whole] = np.max(np.where(weights != 0.0, counts[:, None], 0), axis=0)
+    begin = find_off(np.concatenate([middle, descent.survey(found, drawn.tolist(), len(middle))]))
+    end = find_off(long - middle)
+    means, variances = np.mean(end, axis=0), np.var(end[..., 0], axis=0, ddof=1) / len(end)
+    for i, count in enumerate(counts.tolist()):
+        means[i] += np.mean(begin[:count, i], axis=0)
+        variances[i] += np.var(begin[:count, i, 0], ddof=1) / count
+    return means, variances
+
+
 def _find_goal(force: float) -> float:
     """Return the relative standard error that the force is to have: larger below where the medium is valid."""
-    return float(_ERROR * max(1.0, _ERROR_FORCE / force) ** 1.5)
+    return float(min(_ERROR * max(1.0, _ERROR_FORCE / force) ** 3, _MOST_ERROR))
 
 
 def _guess(second: float, y: float) -> Effective:
     """Return the effective lattice at high load, to second order in 1/y."""
     return Effective(y**1.5 * (1.0 + 0.375 * second / y**2), 1.5 * y**0.5 * (1.0 - 0.2 * second / y**2), 0.4 * second / y)
+
+
+def _choose_whole(y: list[float]) -> NDArray[np.intp]:
+    """Return every other place from that of the last y above zero on, either way, and both ends."""
+    places, touching = np.arange(len(y)), sum(one >= 0.0 for one in y) - 1
+    return np.flatnonzero(((places - touching) % 2 == 0) | (places == 0) | (places == len(y) - 1))
+
+
+def _weigh_neighbours(x: Array, whole: NDArray[np.intp]) -> Array:
+    """Return the weights (n, whole) that values at x[whole] have at x in the cubic polynomials through the nearest four."""
+    from scipy.interpolate import krogh_interpolate
+
+    weights = np.zeros((len(x), len(whole)))
+    for i, at in enumerate(x):
+        near = slice(first := int(np.clip(np.searchsorted(whole, i) - 2, 0, len(whole) - 4)), first + 4)
+        weights[i, near] = krogh_interpolate(x[whole[near]], np.eye(4), at)
+    weights[whole] = np.eye(len(whole))
+    return weights
 
 
 def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float) -> float:
@@ -190,7 +236,9 @@ class ClusterCurve:
         force, k = np.array([(one.force, one.stiffness) for one in low]).T
         root = np.cbrt(force)
         basis, slopes, bends = _make_basis(y, far.start, offset)
-        weight, steep = 1.0 / root**2, _SLOPE_WEIGHT * root / k
+        # forces that are known well weigh more; by the root only, so that others still hold the curve at low load
+        errors = np.array([one.error for one in low])
+        weight, steep = np.sqrt(_FIT / np.hypot(_FIT, errors)) / root**2, _SLOPE_WEIGHT * root / k
         # c = f^(2/3) - y, and at the top its value and first two derivatives are those of the series
         f0, f1, f2 = (far.value(far.start, order) for order in (FORCE, STIFFNESS, SLOPE))
         joins = [
@@ -202,7 +250,7 @@ class ClusterCurve:
         coefficients = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
         # what the polynomial is off, relative to f, is an error of the law as well
         off = 1.5 * (basis @ coefficients - (root**2 - y)) / root**2
-        errors = np.hypot([one.error for one in low], off)
+        errors = np.hypot(errors, off)
         tables = (y, errors, *([getattr(one, name) for one in low] for name in ("fluctuation", "contacts")))
         return cls(offset, read_only(coefficients), far, *(read_only(np.array(table)[::-1]) for table in tables))
 

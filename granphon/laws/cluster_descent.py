@@ -8,7 +8,8 @@ What a descent is off cancels: nothing is left of it but the scatter of the diff
 
 Sets of points are drawn until the error is as small as it is to be, by as many threads as there are processors. The few
 realisations have found the effective lattice with an error of their own. The long descents correct it first, so that its
-square, which the conditions do not take off, is nothing.
+square, which the conditions do not take off, is nothing. That is done at some overlaps only. At those between a survey, of
+the same points at all of them, says how the means go.
 
 Descent is Polyak's heavy ball, x' = x - G g(x) + beta (x - x_before), for the energy of the cluster in its modes, with the
 stiffness of each as if all contacts had one, L: G_a = 1/(kappa (1 - lambda_a) + L lambda_a). It begins in the effective
@@ -19,7 +20,7 @@ h' = b + M (L h - h_+^(3/2)) + beta (h - h_before) with M = B G B^T.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,12 +32,12 @@ from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, Effective, find_modes
 from granphon.laws.cluster_points import ClusterPoints, PointSource
 
-__all__ = ["ClusterDescent"]
+__all__ = ["MOST_SETS", "ClusterDescent"]
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-#: steps of a short and of a long descent
-_SHORT, _LONG = 15, 50
+#: steps of a short descent, of one of a survey, and of a long one
+_SHORT, _MIDDLE, _LONG = 15, 25, 50
 #: part of the last step that is added to the next one
 _MOMENTUM = 0.7
 #: overlaps above the mean, over their rms, of the contacts whose stiffness is that of a step
@@ -48,7 +49,7 @@ _LEAST_SET, _MOST_SET = 2**11, 2**14
 #: contacts of all points of a set that is the same for all solutions
 _FIRST = 2**18
 #: least number of sets of a level, number that is aimed at, and most
-_LEAST_SETS, _AIM_SETS, _MOST_SETS = 16, 64, 512
+_LEAST_SETS, _AIM_SETS, MOST_SETS = 16, 64, 512
 #: part of the sets that are still to be drawn by an estimate, of which some are drawn before the next estimate
 _NEXT = 0.9
 #: where a realisation has what the conditions miss
@@ -58,7 +59,7 @@ _LONG_SHARE = 0.4
 
 
 class Refined(NamedTuple):
-    """Means (4,) of which the first has the standard ``error``; and means (sets, 4) of a ``survey``.
+    """Means (4,) of which the first has the standard ``error``, and ``first`` means of a survey.
 
     They are the force on the ball in the middle, in the lattice that the conditions ask for; this force in a lattice that is
     nearly that one, its square, and the part of the contacts that carry force.
@@ -66,7 +67,7 @@ class Refined(NamedTuple):
 
     means: Array
     error: float
-    survey: Array
+    first: Array
 
 
 class ClusterDescent:
@@ -91,24 +92,43 @@ class ClusterDescent:
         self._few = few.misfits.astype(np.float32), few.pushes.astype(np.float32)
         self._half = len(few.misfits) // few.scrambles // 2
 
-    def survey(self, found: Balance) -> Array:
-        """Return means (sets, 4) after a long descent, of a few sets of points that are the same for all solutions."""
-        return np.asarray(self._evaluate_first(found, (_LONG,))[0, :, :4])
+    def evaluate_first(self, found: Balance) -> Array:
+        """Return means (2, sets, 4) of a survey after a middle and a long descent.
+
+        Points are a few sets, the same for all solutions.
+        """
+        return self._evaluate_first(found, (_MIDDLE, _LONG))[..., :4]
+
+    def survey(self, found: Sequence[Balance], counts: Sequence[int], start: int) -> Array:
+        """Return means (sets, n, 4) of n solutions after a middle descent, of sets of points from the ``start`` on.
+
+        Sets are the same for all solutions. A solution has so many as ``counts`` says, and zeros for those beyond.
+        """
+
+        def evaluate(number: int) -> Array:
+            (points,) = self._source.draw_enough([[self._seed, 0, number]], len(self._first[0][0]))
+            means = np.zeros((len(found), 4))
+            for row, one, count in zip(means, found, counts, strict=True):
+                if number < count:
+                    row[:] = self._find_means(one, one.effective, *points, (_MIDDLE,))[0, :4]
+            return means
+
+        return np.array(share_out(evaluate, range(start, max(counts)))).reshape(-1, len(found), 4)
 
     def refine(self, found: Balance, goal: float, number: int) -> Refined:
         """Find means so good that the force has a relative standard error of ``goal``, if the most points that there are do.
 
-        But for the survey, points are those of the ``number``, from 1 on: no two share any.
+        Most points are those of the ``number``, from 1 on: no two share any of these.
         """
         bound = goal * found.force
         few = self._evaluate(found, found.effective, *self._few, (_LONG,))[0]
         # a realisation and its antithetic one are no two, but all else that the points do for the few is not counted
         pairs = np.mean((found.realisations - few[:, 0]).reshape(-1, 2, self._half), axis=1).ravel()
         variance = float(np.var(pairs, ddof=1)) / pairs.size
-        first = self._evaluate_first(found, (_SHORT, _LONG))
+        first = self._evaluate_first(found, (_SHORT, _MIDDLE, _LONG))
         least = max(_LONG_SHARE * bound, 0.5 * np.sqrt(variance))
         points = len(self._first[0][0])
-        start, end = self._sample(found, found.effective, (_SHORT, _LONG), least, [number, 1], points, first)
+        start, end = self._sample(found, found.effective, (_SHORT, _LONG), least, [number, 1], points, first[::2])
         variance += _find_variance(end - start)
         miss = np.mean(end, axis=0) - np.mean(few, axis=0)
         now = Effective(*(found.effective - np.linalg.solve(found.matrix, miss[_MISS])).tolist())
@@ -120,7 +140,7 @@ class ClusterDescent:
         variance += _find_variance(many)
         equal = [found.force, found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
         means = np.mean(many[:, :4], axis=0) + np.mean(end - start, axis=0)[:4] + equal - np.mean(few, axis=0)[:4]
-        return Refined(means, float(np.sqrt(variance)), first[1, :, :4])
+        return Refined(means, float(np.sqrt(variance)), first[1:, :, :4])
 
     def _evaluate_first(self, found: Balance, steps: tuple[int, ...]) -> Array:
         return np.stack(share_out(lambda one: self._find_means(found, found.effective, *one, steps), self._first), axis=1)
@@ -143,10 +163,10 @@ class ClusterDescent:
             sets += share_out(draw, range(len(sets), wanted))
             means = np.stack(sets, axis=1)
             over = _find_variance(means[-1] - means[0] if len(steps) > 1 else means[0]) / bound**2
-            if len(sets) >= _MOST_SETS or over <= 1.0:
+            if len(sets) >= MOST_SETS or over <= 1.0:
                 return means
             # with some left for the next estimate: this one is not exact
-            wanted = min(max(len(sets) + 4, math.ceil(_NEXT * over * len(sets))), _MOST_SETS)
+            wanted = min(max(len(sets) + 4, math.ceil(_NEXT * over * len(sets))), MOST_SETS)
 
     def _find_means(self, found: Balance, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
         """Return the means (len(steps), 7) of a set of points."""

@@ -316,7 +316,7 @@ def read(state: gp.ContactState, name: str) -> Array:
     return np.asarray(getattr(state, name)) * (WIDTH / UNIT if name == "normal_stiffness" else 1.0)
 
 
-def find_curve(lattice: Lattice, balls: int, most: float) -> list[Row]:
+def find_curve(lattice: Lattice, balls: int) -> list[Row]:
     """The curve of a cluster medium, nothing kept: processor time, time by the clock, and the quadrature error."""
     cluster_curve.cache_clear()
     start = time.perf_counter()
@@ -328,11 +328,12 @@ def find_curve(lattice: Lattice, balls: int, most: float) -> list[Row]:
     what = f"quadrature error of f*, {balls} balls, {lattice.name}: largest from a* = 0.5 up"
     note = ", ".join(f"{error:.1e}" for error in left)
     return [
-        Row(f"curve of a cluster medium of {balls} balls, {lattice.name}: processor time", seconds, "s", most),
+        Row(f"curve of a cluster medium of {balls} balls, {lattice.name}: processor time", seconds, "s"),
         Row(
             f"curve of a cluster medium of {balls} balls, {lattice.name}: time by the clock",
             elapsed,
             "s",
+            CLUSTER_SECONDS,
             note=f"{count_processors()} processors{busy}",
         ),
         Row(what, float(np.max(left[CLUSTER_SPACINGS >= 0.5])), "", QUADRATURE_BOUND, note=note),
@@ -342,12 +343,12 @@ def find_curve(lattice: Lattice, balls: int, most: float) -> list[Row]:
 def quadrature(repeats: int) -> list[Row]:
     """The curves of clusters of one shell: time, and quadrature error."""
     first = [(lattice, sizes[0]) for lattice, *_, sizes in CLUSTERS]
-    return [row for lattice, balls in [*first, (HCP, 13)] for row in find_curve(lattice, balls, CLUSTER_SECONDS)]
+    return [row for lattice, balls in [*first, (HCP, 13)] for row in find_curve(lattice, balls)]
 
 
 def shells(repeats: int) -> list[Row]:
     """The same of clusters of more shells."""
-    return [row for lattice, *_, sizes in CLUSTERS for balls in sizes[1:] for row in find_curve(lattice, balls, math.inf)]
+    return [row for lattice, *_, sizes in CLUSTERS for balls in sizes[1:] for row in find_curve(lattice, balls)]
 
 
 def clusters(repeats: int) -> list[Row]:
