@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -18,8 +17,9 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, real_number, require, truth, whole
-from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy, read_truth
+from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
+from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
 from granphon.media.loading import (
     GEOMETRIES,
     LOADING_OPTIONS,
@@ -32,7 +32,7 @@ from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveM
 from granphon.media.medium import Loaded, Medium
 from granphon.media.sampled_balls import DEFAULT_SHAPES, MOST_SEED
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
-from granphon.media.sizes_and_times import MOMENT, SIDES, even_shape, simulating_time, solving_time
+from granphon.media.sizes_and_times import MOMENT, solving_time
 from granphon.media.state import ContactState, overlap_flag
 
 __all__ = [
@@ -42,7 +42,6 @@ __all__ = [
     "MediumChoice",
     "Option",
     "Rung",
-    "expected_error",
     "medium",
     "no_simulation",
 ]
@@ -135,37 +134,18 @@ class AutoMedium(Loaded[ContactState]):
         options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
         # if no option serves every load, the largest simulation of the truth does: it is best wherever another would serve
-        return options[serves[0]] if serves.size else max(options, key=_rank)
+        return options[serves[0]] if serves.size else _list_options(self.packing, self.truth)[-1]
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
 
         Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
         """
-        if (why := accuracy().explain_uncovered(self.packing, self.truth)) is not None:
-            raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
+        require_known(self.packing, self.truth)
         options = _sort_options(self.packing, load, self.truth)
         errors = np.array([expected_error(option, self.packing, load, self.truth) for option in options])
-        best = np.min(errors, axis=0)
-        if np.any(best > self.tolerance):
-            worst = int(np.argmax(best))
-            unmet = self._explain_unmet(load[worst], float(best[worst]))
-            unmet.load_index = worst
-            raise unmet
+        require_within(self.tolerance, errors, self.packing, load, self.truth)
         return options, errors
-
-    def _explain_unmet(self, load: Load, best: float) -> InputError:
-        structure = self.packing.structure
-        where = load.describe(structure.periods) + f" against {self.truth}" * self.truth.is_loaded
-        if np.isfinite(best):
-            what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
-            balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
-            why = f"The smallest expected error there is {best:.2g}, of a simulation of {balls:,} balls"
-            return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
-        name = "a*" if load.kind == "overlap" else "f*"
-        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(self.packing, load.kind, self.truth)
-        what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
-        return InputError(message(what, f"They are known from {name} = {least:g} on", "Raise the load, or name a medium"))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
@@ -353,62 +333,14 @@ class Rung:
         return expected_error(self.medium, self.packing, self.load, self.truth).ravel()
 
 
+def _list_options(packing: Packing, against: Truth) -> list[MediumChoice]:
+    """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
+    return [MediumChoice(name, tuple(options.items())) for name, options in list_rungs(packing, against)]
+
+
 def _sort_options(packing: Packing, load: Load, against: Truth = REST) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`, sorted by their time at a load.
-
-    That is the least of these loads; for samples that are loaded with friction it is the greatest, to which they are loaded.
-    """
-    if not packing.spread_matters:
-        return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
-    media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
-    least, greatest = (load[int(find(load.array))] for find in (np.argmin, np.argmax))
-    structure = packing.structure
-    shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
-    simulations = [
-        MediumChoice(DirectSimulation.name, (("shape", shape), *of.options.items()))
-        for of in dict.fromkeys((REST, against))
-        for shape in shapes
-    ]
-
-    def seconds(option: MediumChoice) -> float:
-        medium = option.of(packing)
-        if isinstance(medium, DirectSimulation):
-            return simulating_time(medium, greatest if medium.friction_history else least)
-        return solving_time(packing) if isinstance(medium, EffectiveMedium) else 0.0
-
-    return sorted([*media, *simulations], key=seconds)
-
-
-def _rank(option: MediumChoice) -> tuple[bool, tuple[int, ...]]:
-    """Return what is greatest for the largest sample of the truth: whether it is loaded with friction, and its shape."""
-    settings = option.settings
-    return bool(settings.get("friction_history")), settings.get("shape", (0,))
-
-
-def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: Truth = REST) -> Array:
-    """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
-
-    It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
-    every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays that
-    were loaded with friction is what these differ by, and the chance in its samples.
-    """
-    settings, known = choice.settings, accuracy()
-    if not packing.spread_matters:
-        return np.zeros(load.shape)
-    other = settings.get("friction_history") and not _is_sample_of(choice, against)
-    if choice.name not in known.media() or settings.get("local_field") == "paper" or other:
-        return np.full(load.shape, np.inf)
-    medium = choice.of(packing)
-    balls = medium.balls * medium.samples if isinstance(medium, DirectSimulation) else 1
-    if not choice.simulates or settings["friction_history"] == against.is_loaded:
-        return known.error(choice.name, packing, load, balls, against)
-    return known.error(FRICTIONLESS, packing, load, truth=against) + known.error(choice.name, packing, load, balls)
-
-
-def _is_sample_of(choice: MediumChoice, against: Truth) -> bool:
-    """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
-    own = MediumChoice(choice.name, tuple(against.options.items())).settings
-    return all(choice.settings[name] == own[name] for name in own.keys() - {"shape", "seed", "samples"})
+    """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
+    return sort_by_time(_list_options(packing, against), packing, load)
 
 
 def medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
