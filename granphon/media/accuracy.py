@@ -26,7 +26,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -40,9 +40,8 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import choice, require, truth
-from granphon.media.loading import friction_coefficient as read_friction_coefficient
-from granphon.media.loading import refuse_without_history
+from granphon.base.validation import require
+from granphon.media.loading import read_history_options, refuse_without_history
 
 __all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients", "read_truth"]
 
@@ -99,11 +98,9 @@ def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shea
     Raises :class:`~granphon.base.errors.InputError` for an option out of range, a history without a friction coefficient,
     and options of a history without one.
     """
-    given: dict[str, Any] = {
-        "friction_history": require("friction_history", truth, friction_history),
-        "friction_coefficient": require("friction_coefficient", read_friction_coefficient, friction_coefficient),
-        "shear_response": require("shear_response", partial(choice, options=SHEAR_RESPONSES), shear_response),
-    }
+    given = read_history_options({
+        "friction_history": friction_history, "friction_coefficient": friction_coefficient, "shear_response": shear_response,
+    })  # fmt: skip
     require(what, refuse_without_history, given)
     return Truth(given["friction_coefficient"], given["shear_response"])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,21 +16,14 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
-from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, real_number, require, truth, whole
+from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
-from granphon.media.loading import (
-    GEOMETRIES,
-    LOADING_OPTIONS,
-    friction_coefficient,
-    read_start,
-    refuse_without_history,
-    step_tolerance,
-)
+from granphon.media.loading import GEOMETRIES, HISTORY_OPTIONS, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.medium import Loaded, Medium
-from granphon.media.sampled_balls import DEFAULT_SHAPES, MOST_SEED
+from granphon.media.medium import Loaded, Medium, Option
+from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.sizes_and_times import MOMENT, solving_time
 from granphon.media.state import ContactState, overlap_flag
@@ -40,25 +33,12 @@ __all__ = [
     "OPTIONS",
     "AutoMedium",
     "MediumChoice",
-    "Option",
     "Rung",
     "medium",
     "no_simulation",
 ]
 
 Array = NDArray[np.float64]
-#: rule of validation for a relative error
-relative_error: Rule = partial(number, low=1e-12, high=0.99)
-#: rule of validation for the cells of a sample along each period of its lattice
-_cells = partial(lengths, low=1, high=20_000)
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option of a medium: its default, and the rule that reads its value."""
-
-    default: Any
-    rule: Rule
 
 
 @dataclass(frozen=True)
@@ -90,7 +70,11 @@ class AutoMedium(Loaded[ContactState]):
         for balls without friction. From ``at_*``: finite overlap, which a simulation does not offer.
     """
 
-    name: ClassVar[str] = "auto"
+    name = "auto"
+    options = {
+        "tolerance": Option(1e-3, partial(number, low=1e-12, high=0.99)),
+        **{name: HISTORY_OPTIONS[name] for name in ("friction_history", "friction_coefficient", "shear_response")},
+    }
 
     packing: Packing
     tolerance: float = 1e-3
@@ -101,7 +85,7 @@ class AutoMedium(Loaded[ContactState]):
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
+        object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, self.tolerance))
         found = read_truth("AutoMedium", self.friction_history, self.friction_coefficient, self.shear_response)
         object.__setattr__(self, "friction_history", found.is_loaded)
         object.__setattr__(self, "friction_coefficient", found.friction_coefficient)
@@ -163,30 +147,7 @@ MEDIA: Mapping[str, type[_AnyMedium]] = {
     for rung in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium)
 }
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
-    EffectiveMedium.name: {
-        option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
-    },
-    ClusterMedium.name: {"balls": Option(ClusterMedium.balls, partial(whole, low=2, high=100))},
-    DirectSimulation.name: {
-        "shape": Option(DirectSimulation.shape, _cells),
-        "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
-        "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
-        "geometry": Option(DirectSimulation.geometry, partial(choice, options=GEOMETRIES)),
-        "friction_history": Option(DirectSimulation.friction_history, truth),
-        "friction_coefficient": Option(DirectSimulation.friction_coefficient, friction_coefficient),
-        "start": Option(DirectSimulation.start, read_start),
-        "shear_response": Option(DirectSimulation.shear_response, partial(choice, options=SHEAR_RESPONSES)),
-        "step_tolerance": Option(DirectSimulation.step_tolerance, step_tolerance),
-        "ordered": Option(DirectSimulation.ordered, truth),
-    },
-    AutoMedium.name: {
-        "tolerance": Option(AutoMedium.tolerance, relative_error),
-        "friction_history": Option(AutoMedium.friction_history, truth),
-        "friction_coefficient": Option(AutoMedium.friction_coefficient, friction_coefficient),
-        "shear_response": Option(AutoMedium.shear_response, partial(choice, options=SHEAR_RESPONSES)),
-    },
-}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: rung.options for name, rung in MEDIA.items()}
 
 
 @dataclass(frozen=True)
@@ -240,7 +201,7 @@ class MediumChoice:
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
         if not found.get("friction_history"):
-            plain = {"friction_history", *LOADING_OPTIONS, *["geometry"] * (found.get("geometry") == GEOMETRIES[0])}
+            plain = {*HISTORY_OPTIONS, *["geometry"] * (found.get("geometry") == GEOMETRIES[0])}
             found = {name: value for name, value in found.items() if name not in plain}
         start = found.get("start", 0.0)
         if isinstance(start, Load):
@@ -374,7 +335,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
 def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:
     rules = {option: known.rule for option, known in OPTIONS[name].items()}
     if lattice is not None and "shape" in rules:
-        rules["shape"] = partial(_cells, periods=lattice.periods)
+        rules["shape"] = partial(read_cells, periods=lattice.periods)
     if lattice is not None and "start" in rules:
         quantities = load_quantities(lattice.periods)
 

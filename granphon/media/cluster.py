@@ -6,15 +6,18 @@ It goes a step beyond the effective medium, whose cluster is one ball. See :mod:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from granphon.balls.packing import Packing
 from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
+from granphon.base.validation import whole
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.laws.cluster import VALID_FORCE, ClusterLaw
 from granphon.media.mean_field import _ByLaw
+from granphon.media.medium import Option
 from granphon.media.state import Law
 
 __all__ = ["ClusterMedium"]
@@ -45,6 +48,8 @@ class ClusterMedium(_ByLaw):
 
     packing: Packing
     balls: int | None = None
+
+    options = {"balls": Option(balls, partial(whole, low=2, high=100))}
 
     def __post_init__(self) -> None:
         super().__post_init__()

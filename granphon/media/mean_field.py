@@ -9,10 +9,9 @@ carry the same force even if balls differ.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar, Literal
+from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +21,11 @@ from granphon.balls.loads import Load, require_compressive
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import choice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.medium import Loaded, explain_untouched
+from granphon.media.medium import Loaded, Option, explain_untouched
 from granphon.media.state import ContactState, Law, overlap_flag
 
 __all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
@@ -33,6 +33,8 @@ __all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
 Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
+#: where the effective medium has its local field from; the first is the default
+_LOCAL_FIELDS = ("computed", "paper")
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,6 @@ class _ByLaw(Loaded[ContactState]):
     pressure and density are those of a boundary that shrinks with the balls.
     """
 
-    name: ClassVar[str]
-    #: the options of the medium by name, each with the words that it takes, the default first
-    options: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     packing: Packing
 
     @cached_property
@@ -204,11 +203,11 @@ class EffectiveMedium(_ByLaw):
     """
 
     name = "ema"
-    options = {"local_field": ("computed", "paper")}
+    options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if not isinstance(local_field, str) or local_field not in self.options["local_field"]:
+        if not isinstance(local_field, str) or local_field not in _LOCAL_FIELDS:
             raise InputError(message(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'"))
         if local_field == "paper" and isinstance(packing, Packing) and packing.structure != TRIANGULAR:
             raise InputError(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,15 +19,19 @@ from granphon.balls.packing import Packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
+from granphon.base.validation import lengths, whole
 from granphon.dynamics.modes import ContactLattice
+from granphon.media.medium import Option
 
-__all__ = ["MOST_SEED", "SampledBalls", "require_standing"]
+__all__ = ["DEFAULT_SHAPES", "SampledBalls", "read_cells", "require_standing"]
 
 Array = NDArray[np.float64]
 #: the largest seed of a sample
-MOST_SEED = 2**64 - 1
+_MOST_SEED = 2**64 - 1
 #: default numbers of cells of a sample, with one, two and three periods
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
+#: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
+read_cells = partial(lengths, low=1, high=20_000)
 #: greatest number of balls along a side of a sample, far beyond what fits into memory
 _MOST_SIDE = 2**31
 #: greatest number of cells of a sample, far beyond what fits into memory
@@ -57,6 +62,13 @@ class SampledBalls:
     executor: Executor | None = field(default=None, compare=False, repr=False)
     workers: int = field(default=1, compare=False, repr=False)
 
+    #: what a scene may set; it cannot give diameters, and says elsewhere where it runs
+    options: ClassVar[Mapping[str, Option]] = {
+        "shape": Option(shape, read_cells),
+        "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
+        "samples": Option(samples, partial(whole, low=1, high=10_000)),
+    }
+
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
@@ -69,7 +81,7 @@ class SampledBalls:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
             raise InputError(message(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"))
         object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples))
         whole_number("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
             raise InputError(message("diameters are given, which make one sample", mend="Leave samples out"))
