@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -41,7 +41,12 @@ __all__ = [
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+def _read_of_truth(attribute: str, meaning: str) -> Any:
+    """Return the property of an :class:`AutoMedium` that reads an attribute of its truth, which alone holds the value."""
+    return property(lambda medium: getattr(medium.truth, attribute), doc=meaning)
+
+
+@dataclass(frozen=True, init=False)
 class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
@@ -71,29 +76,30 @@ class AutoMedium(Loaded[ContactState]):
     """
 
     name = "auto"
-    options = {
-        "tolerance": Option(1e-3, partial(number, low=1e-12, high=0.99)),
-        **{name: HISTORY_OPTIONS[name] for name in ("friction_history", "friction_coefficient", "shear_response")},
-    }
 
     packing: Packing
     tolerance: float = 1e-3
-    friction_history: bool = False
-    friction_coefficient: float | None = None
-    shear_response: str = SHEAR_RESPONSES[0]
+    friction_history: bool = _read_of_truth("is_loaded", "Whether the truth is arrays that were loaded with friction.")
+    friction_coefficient: float | None = _read_of_truth("friction_coefficient", "Mu of these arrays; None without friction.")
+    shear_response: str = _read_of_truth("shear_response", "How contacts of these arrays resist sound.")
+    #: the simulated arrays that expected errors are relative to
+    truth: Truth = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, self.tolerance))
-        found = read_truth("AutoMedium", self.friction_history, self.friction_coefficient, self.shear_response)
-        object.__setattr__(self, "friction_history", found.is_loaded)
-        object.__setattr__(self, "friction_coefficient", found.friction_coefficient)
+    options = {
+        "tolerance": Option(tolerance, partial(number, low=1e-12, high=0.99)),
+        **{name: HISTORY_OPTIONS[name] for name in ("friction_history", "friction_coefficient", "shear_response")},
+    }
 
-    @property
-    def truth(self) -> Truth:
-        """The simulated arrays that expected errors are relative to."""
-        return Truth(self.friction_coefficient, self.shear_response)
+    def __init__(
+        self, packing: Packing, tolerance: float = tolerance, friction_history: bool = False,
+        friction_coefficient: float | None = None, shear_response: str = SHEAR_RESPONSES[0],
+    ) -> None:  # fmt: skip
+        if not isinstance(packing, Packing):
+            raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
+        object.__setattr__(self, "packing", packing)
+        object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))
+        truth = read_truth("AutoMedium", friction_history, friction_coefficient, shear_response)
+        object.__setattr__(self, "truth", truth)
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
