@@ -20,13 +20,13 @@ from granphon.base.validation import block, choice, number, read_inside, real_nu
 from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
-from granphon.media.loading import GEOMETRIES, HISTORY_OPTIONS, read_start, refuse_without_history
+from granphon.media.loading import HISTORY_OPTIONS, LATTICE, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.sizes_and_times import MOMENT, solving_time
-from granphon.media.state import ContactState, overlap_flag
+from granphon.media.state import ContactState, read_finite_overlap
 
 __all__ = [
     "MEDIA",
@@ -139,7 +139,7 @@ class AutoMedium(Loaded[ContactState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
-        if overlap_flag(finite_overlap)[0]:
+        if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         load = load.applied
         serving = self.serving(load.kind, load.array).of(self.packing)
@@ -207,7 +207,7 @@ class MediumChoice:
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
         if not found.get("friction_history"):
-            plain = {*HISTORY_OPTIONS, *["geometry"] * (found.get("geometry") == GEOMETRIES[0])}
+            plain = {*HISTORY_OPTIONS, *["geometry"] * (found.get("geometry") == LATTICE)}
             found = {name: value for name, value in found.items() if name not in plain}
         start = found.get("start", 0.0)
         if isinstance(start, Load):
@@ -334,7 +334,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     A simulation has no terms of finite overlap.
     """
     for one in media:
-        if one.is_automatic or (one.simulates and one.settings["geometry"] != "exact"):
+        if one.is_automatic or (one.simulates and one.settings["geometry"] == LATTICE):
             raise no_finite_overlap(one.label)
 
 

@@ -33,6 +33,7 @@ from granphon.media.simulation import DirectSimulation
 
 __all__ = [
     "Cost",
+    "array_waves",
     "available_memory",
     "bands",
     "cluster_media",
@@ -280,7 +281,7 @@ def estimate(
     rest = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE))
     rest = rest / _estimate_effort(_SMALL_FORCE)
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0 * rest
-    if simulation.geometry == "exact":
+    if simulation.is_exact:
         rest, linear = _EXACT_TIME * rest, _EXACT_RESPONSE_TIME * linear
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
     work, bounds = float(np.sum(rest + linear + beside)), False

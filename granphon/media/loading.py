@@ -29,14 +29,14 @@ from granphon.media.medium import Option
 from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
-    "GEOMETRIES", "HISTORY_OPTIONS", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "press",
+    "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "press",
     "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history", "require_above",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-#: the geometries of contacts; the first is the default
-GEOMETRIES = ("lattice", "exact")
-_read_geometry = partial(choice, options=GEOMETRIES)
+#: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
+LATTICE, EXACT = "lattice", "exact"
+_read_geometry = partial(choice, options=(LATTICE, EXACT))
 #: least and greatest reduced spacing a* that may be given as a start
 _STARTS = (-1.0, 1e6)
 #: fraction by which rounding may put a load below the start
@@ -191,7 +191,7 @@ def find_ratio(packing: Packing, geometry: str) -> float:
     Raises :class:`~granphon.base.errors.InputError` where the exact one is that of the lattice: of equal balls, on a line;
     and where balls differ too much for it.
     """
-    if geometry == GEOMETRIES[0]:
+    if geometry == LATTICE:
         return 0.0
     if not packing.spread_matters:
         what = "on a line" if packing.width else "of equal balls"
@@ -219,7 +219,7 @@ class LoadedBalls(SampledBalls):
 
     friction_history: bool = False
     friction_coefficient: float | None = None
-    geometry: str = GEOMETRIES[0]
+    geometry: str = LATTICE
     start: float | Load | str | None = None
     shear_response: str = SHEAR_RESPONSES[0]
     step_tolerance: float = REFINEMENT_TOLERANCE
@@ -256,6 +256,11 @@ class LoadedBalls(SampledBalls):
             refused = InputError(f"the start of the loading: {error}")
             refused.option = "start"
             raise refused from None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether contacts have the geometry of the displaced balls, and so finite overlap."""
+        return self.geometry == EXACT
 
     @property
     def ratio(self) -> float:

@@ -26,7 +26,7 @@ from granphon.dynamics.local_field import LocalField, local_field, paper_local_f
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.medium import Loaded, Option, explain_untouched
-from granphon.media.state import ContactState, Law, overlap_flag
+from granphon.media.state import ContactState, Law, read_finite_overlap
 
 __all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
 
@@ -65,7 +65,7 @@ class _ByLaw(Loaded[ContactState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        load, (follows, said) = load.applied, overlap_flag(finite_overlap)
+        load, follows = load.applied, read_finite_overlap(finite_overlap)
         find = {"force": self._solve_at_force, "pressure": self._solve_at_pressure, "overlap": self._solve_at_overlap}[
             load.kind
         ]
@@ -75,7 +75,7 @@ class _ByLaw(Loaded[ContactState]):
         self._require_range(load, force, overlap, stiffness)
         return ContactState(
             packing=self.packing, medium=self.name, law=self.law, force=force[()], overlap=overlap[()],
-            normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=said,
+            normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=finite_overlap is not None,
         )  # fmt: skip
 
     def _solve_at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
