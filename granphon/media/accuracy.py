@@ -41,6 +41,7 @@ from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.validation import require
+from granphon.media.equilibria import reduce_load
 from granphon.media.loading import read_history_options, refuse_without_history
 
 __all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients", "read_truth"]
@@ -165,16 +166,6 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
 
-    def reduced(self, packing: Packing, load: Load) -> Array:
-        """Return f* of an applied load, or a* of a load that is given as an overlap."""
-        values = load.array
-        with np.errstate(all="ignore"):
-            if load.kind == "overlap":
-                return np.asarray(packing.width_units.reduced_spacing(values))
-            if load.kind == "pressure":
-                values = values * (packing.diameter ** (packing.structure.periods - 1) / packing.structure.pressure_factor)
-            return np.asarray(packing.width_units.reduced_force(values))
-
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: Truth = REST) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
@@ -195,7 +186,7 @@ class Accuracy:
         known = [np.array(errors[family][table][medium])[chosen] for errors in _select_errors(part, truth)]
         rows = np.concatenate(known).max(axis=0)
         power = 1.0 if truth.is_loaded and truth.shear_response == "partial_slip" else 2.0
-        place = np.maximum(self.reduced(packing, load), 0.0)
+        place = np.maximum(reduce_load(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
             times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, message
+from granphon.balls.packing import Packing, given_packing
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import REST, Truth, read_truth
@@ -94,9 +93,7 @@ class AutoMedium(Loaded[ContactState]):
         self, packing: Packing, tolerance: float = tolerance, friction_history: bool = False,
         friction_coefficient: float | None = None, shear_response: str = SHEAR_RESPONSES[0],
     ) -> None:  # fmt: skip
-        if not isinstance(packing, Packing):
-            raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
-        object.__setattr__(self, "packing", packing)
+        object.__setattr__(self, "packing", given_packing(packing))
         object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))
         truth = read_truth("AutoMedium", friction_history, friction_coefficient, shear_response)
         object.__setattr__(self, "truth", truth)

@@ -27,6 +27,7 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.equilibria import reduce_load
 from granphon.media.history_cost import estimate_history
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
@@ -304,9 +305,8 @@ def _find_start(packing: Packing, start: Prescribed | str) -> float:
 
 def _estimate_spacing(packing: Packing, load: Load) -> Array:
     """Return the approximate a* of each value of an applied load."""
-    if load.kind == "overlap":
-        return np.asarray(packing.width_units.reduced_spacing(np.ravel(load.array)))
-    return _find_spacing(packing, _estimate_reduced_force(packing, load))
+    reduced = np.ravel(reduce_load(packing, load))
+    return reduced if load.kind == "overlap" else _find_spacing(packing, reduced)
 
 
 def _find_spacing(packing: Packing, force: Array) -> Array:
@@ -328,18 +328,18 @@ def find_typical_force(packing: Packing, load: Load) -> Array:
 
 def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
-    loads, periods = np.ravel(load.array), packing.structure.periods
-    if load.kind == "overlap":
-        spacing = packing.width_units.reduced_spacing(loads)
-        hertz = np.maximum(spacing - 0.5, 0.0) ** 1.5
-        if periods not in _CURVES:
-            return np.asarray(hertz)
-        known, forces = _CURVES[periods]
-        near = np.exp(np.interp(np.log(np.maximum(spacing, known[0])), np.log(known), np.log(forces)))
-        return np.asarray(np.where(spacing > known[-1], hertz, near))
-    if load.kind == "pressure":
-        loads = loads * (packing.diameter ** (periods - 1) / packing.structure.pressure_factor)
-    return np.asarray(packing.width_units.reduced_force(loads))
+    reduced = np.ravel(reduce_load(packing, load))
+    return _find_force(packing, reduced) if load.kind == "overlap" else reduced
+
+
+def _find_force(packing: Packing, spacing: Array) -> Array:
+    """Return the approximate f* of reduced spacings."""
+    hertz = np.asarray(np.maximum(spacing - 0.5, 0.0) ** 1.5)
+    if packing.structure.periods not in _CURVES:
+        return hertz
+    known, forces = _CURVES[packing.structure.periods]
+    near = np.exp(np.interp(np.log(np.maximum(spacing, known[0])), np.log(known), np.log(forces)))
+    return np.where(spacing > known[-1], hertz, near)
 
 
 def _estimate_effort(force: ArrayLike) -> Array:

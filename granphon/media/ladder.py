@@ -17,6 +17,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy
+from granphon.media.equilibria import reduce_load
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.sizes_and_times import SIDES, even_shape, rough_time
@@ -105,6 +106,6 @@ def _explain_unmet(tolerance: float, least: float, packing: Packing, load: Load,
         why = f"The smallest expected error there is {least:.2g}, of a simulation of {balls:,} balls"
         return message(what, why, "Raise the tolerance, or simulate more samples by hand")
     name = "a*" if load.kind == "overlap" else "f*"
-    at, lowest = float(accuracy().reduced(packing, load)), accuracy().least(packing, load.kind, against)
+    at, lowest = float(reduce_load(packing, load)), accuracy().least(packing, load.kind, against)
     what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
     return message(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.material import LEAST_YOUNG_MODULUS
-from granphon.balls.packing import Packing
+from granphon.balls.packing import Packing, given_packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.validation import choice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
@@ -60,8 +60,7 @@ class _ByLaw(Loaded[ContactState]):
         """Contact law of the medium for balls that differ."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+        given_packing(self.packing)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import Lattice
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.balls.packing import Packing
+from granphon.balls.packing import Packing, given_packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
@@ -70,8 +70,7 @@ class SampledBalls:
     }
 
     def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+        given_packing(self.packing)
         self._require_standing()
         shape = _read_shape(self.shape, self.packing.structure.periods)
         object.__setattr__(self, "shape", shape)
