@@ -52,7 +52,7 @@ Array = NDArray[np.float64]
 DEVIATIONS = 2.5
 #: name in the table of what the samples of a simulation at rest without friction are off from those loaded with friction
 FRICTIONLESS = "frictionless"
-#: of the form of the file
+#: schema number of the file
 _SCHEMA = 3
 
 
@@ -83,8 +83,16 @@ class Truth:
         return {"friction_history": True, **given}
 
     @property
+    def _error_power(self) -> float:
+        """Power of the spread over the overlap with which errors fall at high loads.
+
+        It is two; one with partial slip, where contacts are softer by |T|/(3 mu f), of the first order in that.
+        """
+        return 1.0 if self.is_loaded and self.shear_response == "partial_slip" else 2.0
+
+    @property
     def told(self) -> str:
-        """What befell the arrays, in words."""
+        """How the arrays came to their load, in words."""
         if self.friction_coefficient is None:
             return "at rest without friction"
         return f"loaded with friction, mu = {self.friction_coefficient:g}, shear_response {self.shear_response}"
@@ -184,13 +192,12 @@ class Accuracy:
         table, chosen = _name_tabulated_kind(load.kind), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
         at, family = np.array(part["loads"][table]), _name_family(packing)
         known = [np.array(errors[family][table][medium])[chosen] for errors in _select_errors(part, truth)]
-        rows = np.concatenate(known).max(axis=0)
-        power = 1.0 if truth.is_loaded and truth.shear_response == "partial_slip" else 2.0
+        largest = np.concatenate(known).max(axis=0)
         place = np.maximum(reduce_load(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
-            found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
+            found = np.exp(np.interp(np.log(place), np.log(at), np.log(largest)))
             times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
-            found = np.where(place > at[-1], rows[-1] / np.maximum(times, 1.0) ** power, found)
+            found = np.where(place > at[-1], largest[-1] / np.maximum(times, 1.0) ** truth._error_power, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= at[0], found, np.inf))

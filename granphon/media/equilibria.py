@@ -43,14 +43,9 @@ def reduce_load(packing: Packing, load: Load) -> Array:
 
 def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
     """Convert each value of an applied load to a prescribed force or overlap in units of the width, in C order."""
-    units = packing.width_units
-    if load.kind == "overlap":
-        return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
-    force = units.reduced_force(load.array)
-    if load.kind == "pressure":
-        structure = packing.structure
-        force = load.array / (structure.pressure_factor * units.force) * packing.diameter ** (structure.periods - 1)
-    return [Prescribed(force=one) for one in force.ravel().tolist()]
+    if load.kind == "overlap":  # a* would lose the digits of a small overlap
+        return [Prescribed(overlap=one) for one in packing.width_units.reduced_overlap(load.array).ravel().tolist()]
+    return [Prescribed(force=one) for one in reduce_load(packing, load).ravel().tolist()]
 
 
 def require_load(packing: Packing, load: Load, largest: float) -> None:
