@@ -20,7 +20,8 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, _sort_options, medium
+from granphon.media.choice import MediumChoice, _sort_options
+from granphon.media.choice import read_medium as medium
 from granphon.media.ladder import expected_error
 from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene

@@ -33,8 +33,8 @@ __all__ = [
     "AutoMedium",
     "MediumChoice",
     "Rung",
-    "medium",
     "no_simulation",
+    "read_medium",
 ]
 
 Array = NDArray[np.float64]
@@ -183,7 +183,7 @@ class MediumChoice:
         cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
     ) -> MediumChoice:
         """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :meth:`on`."""
-        found: MediumChoice = require("medium", partial(medium, lattice=lattice), value)
+        found: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return found
 
     def on(self, lattice: Lattice) -> MediumChoice:
@@ -203,7 +203,7 @@ class MediumChoice:
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if not found.get("friction_history"):
+        if not self.truth.is_loaded:
             plain = {*HISTORY_OPTIONS, *["geometry"] * (found.get("geometry") == LATTICE)}
             found = {name: value for name, value in found.items() if name not in plain}
         start = found.get("start", 0.0)
@@ -307,8 +307,8 @@ def _sort_options(packing: Packing, load: Load, against: Truth = REST) -> list[M
     return sort_by_time(_list_options(packing, against), packing, load)
 
 
-def medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
-    """Validate a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
+def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
+    """Read a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
 
     With a ``lattice``, the shape of a sample has one length for each of its periods. What is ``written`` in a file has
     units; otherwise plain numbers are in SI.
@@ -321,8 +321,8 @@ def medium(value: Any, lattice: Lattice | None = None, written: bool = False) ->
     options = (
         {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
     )
-    found = MediumChoice(name, tuple(options.items()))
-    return found if lattice is None else found.on(lattice)
+    read = MediumChoice(name, tuple(options.items()))
+    return read if lattice is None else read.on(lattice)
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
@@ -336,6 +336,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
 
 
 def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:
+    """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other arguments."""
     rules = {option: known.rule for option, known in OPTIONS[name].items()}
     if lattice is not None and "shape" in rules:
         rules["shape"] = partial(read_cells, periods=lattice.periods)

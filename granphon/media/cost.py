@@ -55,8 +55,11 @@ _BALL_BYTES = {1: 210.0, 2: 300.0, 3: 470.0}
 _ROTATING_BALL_BYTES = {2: 260.0, 3: 260.0}
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
 _GREEN_BYTES = 50.0
-#: f* below which contacts are factorised, and bytes for each ball that this takes more, without rotations and with them
-_FACTOR_FORCE, _FACTOR_BYTES, _ROTATING_FACTOR_BYTES = 0.015, 2100.0, 4900.0
+#: f* below which contacts are factorised
+_FACTOR_FORCE = 0.015
+#: bytes for each ball that this takes more, without rotations and with them
+_FACTOR_BYTES = 2100.0
+_ROTATING_FACTOR_BYTES = 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
@@ -86,15 +89,22 @@ _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
 #: times of an equilibrium and of a response in the exact geometry over those on the lattice
-_EXACT_TIME, _EXACT_RESPONSE_TIME = 6.0, 2.0
-#: bytes for each ball while a path is worked on, and of each state of it that is kept, with two and three periods
-_HISTORY_BYTES, _HISTORY_STATE_BYTES = {2: 2000.0, 3: 5000.0}, {2: 60.0, 3: 150.0}
+_EXACT_TIME = 6.0
+_EXACT_RESPONSE_TIME = 2.0
+#: bytes for each ball while a path is worked on, with two and three periods
+_HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
+#: bytes for each ball of each state of a path that is kept
+_HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
-_SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
-#: memory of a cluster medium, bytes, and its time, s: of any cluster, and for each of its balls
-_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, (10.0, 3.0)
+_SMALL_SPACING = 1.0
+_SMALL_FORCE = 0.3678
+#: memory of a cluster medium, bytes
+_CLUSTER_BYTES = 2e8
+#: time of a cluster medium, s, and what each of its balls adds, s
+_CLUSTER_SECONDS = 10.0
+_CLUSTER_BALL_SECONDS = 3.0
 #: bytes for each contact while its network is made, and then its operator
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
@@ -418,8 +428,8 @@ def array_waves(
 def cluster_media(count: int, balls: float) -> Cost:
     """Estimate the cost of ``count`` cluster media of so many ``balls`` on average, each solved once for all loads."""
     what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"
-    seconds, more = _CLUSTER_SECONDS
-    return Cost(working=_CLUSTER_BYTES, known=count * (seconds + more * balls), parts=(what,))
+    seconds = count * (_CLUSTER_SECONDS + _CLUSTER_BALL_SECONDS * balls)
+    return Cost(working=_CLUSTER_BYTES, known=seconds, parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:

@@ -75,7 +75,7 @@ class SampledBalls:
         shape = _read_shape(self.shape, self.packing.structure.periods)
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
-            self._take(self.diameters)
+            self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
             raise InputError(message(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"))
@@ -103,7 +103,7 @@ class SampledBalls:
         """Everything that determines the results, except the values of given diameters."""
         return self.packing, self.shape, self.seed, self.samples, self.diameters is None
 
-    def _take(self, diameters: ArrayLike) -> None:
+    def _take_diameters(self, diameters: ArrayLike) -> None:
         """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
         array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
         lengths, n = packing.structure.periods, packing.structure.n_balls
@@ -173,7 +173,7 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
     :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
     """
     structure = packing.structure
-    own = next(iter(allowed_motions(structure.periods).values()))
+    own = _find_own_motions(structure)
     if structure.dimension > structure.periods or packing.motions not in (None, own.name):
         what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
         if structure.dimension > structure.periods:
@@ -194,6 +194,11 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
         raise MechanismError(message(what, why, _mend_standing(packing, own, history)))
 
 
+def _find_own_motions(structure: Lattice) -> Motions:
+    """Return the motions of simulated balls: those along the periods of their lattice."""
+    return next(iter(allowed_motions(structure.periods).values()))
+
+
 def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
     """Return what simulates a lattice that does not stand without friction, in words."""
     otherwise = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
@@ -210,7 +215,7 @@ def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
 @lru_cache(maxsize=64)
 def _stands(structure: Lattice) -> bool:
     """Whether every wave of the lattice without friction costs energy, but for translations of the whole."""
-    still = ContactLattice.of(structure, 0.0, motions=next(iter(allowed_motions(structure.periods).values())))
+    still = ContactLattice.of(structure, 0.0, motions=_find_own_motions(structure))
     ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
     fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
     return bool(np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT))

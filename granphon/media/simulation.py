@@ -355,9 +355,9 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
             jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         samples = [
-            Sample(self.packing, self.seed_of(index), column[place])
+            Sample(self.packing, self.seed_of(index), equilibria[place])
             for place in range(load.size)
-            for index, column in enumerate(found)
+            for index, equilibria in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load, overlap_given)
 
