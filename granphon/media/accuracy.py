@@ -189,18 +189,19 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         if part is None or self.explain_uncovered(packing, truth) is not None:
             return np.full(load.shape, np.inf)
-        table, chosen = _name_tabulated_kind(load.kind), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
-        at, family = np.array(part["loads"][table]), _name_family(packing)
-        known = [np.array(errors[family][table][medium])[chosen] for errors in _select_errors(part, truth)]
-        largest = np.concatenate(known).max(axis=0)
+        table, family = _name_tabulated_kind(load.kind), _name_family(packing)
+        loads, rows = np.array(part["loads"][table]), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
+        beside = [np.array(errors[family][table][medium])[rows] for errors in _select_errors(part, truth)]
+        largest = np.concatenate(beside).max(axis=0)
         place = np.maximum(reduce_load(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
-            found = np.exp(np.interp(np.log(place), np.log(at), np.log(largest)))
-            times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
-            found = np.where(place > at[-1], largest[-1] / np.maximum(times, 1.0) ** truth._error_power, found)
+            found = np.exp(np.interp(np.log(place), np.log(loads), np.log(largest)))
+            # the overlap over that at the greatest load of the table, by the law of equal balls
+            further = (place / loads[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (loads[-1] - 0.5)
+            found = np.where(place > loads[-1], largest[-1] / np.maximum(further, 1.0) ** truth._error_power, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))
-        return np.asarray(np.where(place >= at[0], found, np.inf))
+        return np.asarray(np.where(place >= loads[0], found, np.inf))
 
 
 def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, mu: float | None) -> str | None:

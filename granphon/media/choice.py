@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,12 +145,9 @@ class AutoMedium(Loaded[ContactState]):
 
 _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
 #: the classes of media by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[_AnyMedium]] = {
-    rung.name: rung
-    for rung in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium)
-}
+MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: rung.options for name, rung in MEDIA.items()}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in MEDIA.items()}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.validation import whole
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.laws.cluster import VALID_FORCE, ClusterLaw
-from granphon.media.mean_field import _ByLaw
+from granphon.media.mean_field import LawMedium
 from granphon.media.medium import Option
 from granphon.media.state import Law
 
@@ -24,7 +24,7 @@ __all__ = ["ClusterMedium"]
 
 
 @dataclass(frozen=True)
-class ClusterMedium(_ByLaw):
+class ClusterMedium(LawMedium):
     """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
 
     It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random

@@ -28,7 +28,7 @@ from granphon.laws.spread import AveragedLaw
 from granphon.media.medium import Loaded, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
-__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
+__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium", "LawMedium"]
 
 Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
@@ -38,7 +38,7 @@ _LOCAL_FIELDS = ("computed", "paper")
 
 
 @dataclass(frozen=True)
-class _ByLaw(Loaded[ContactState]):
+class LawMedium(Loaded[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
@@ -138,7 +138,7 @@ class _ByLaw(Loaded[ContactState]):
 
 
 @dataclass(frozen=True)
-class AveragedLattice(_ByLaw):
+class AveragedLattice(LawMedium):
     """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
 
     It is exact for equal balls, and on a line.
@@ -156,7 +156,7 @@ class AveragedLattice(_ByLaw):
 
 
 @dataclass(frozen=True)
-class AveragedForce(_ByLaw):
+class AveragedForce(LawMedium):
     """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25).
 
     On a line balls cannot stay at the sites, because all contacts carry the same force: there it is Hertz's law.
@@ -175,7 +175,7 @@ class AveragedForce(_ByLaw):
 
 
 @dataclass(frozen=True, init=False)
-class EffectiveMedium(_ByLaw):
+class EffectiveMedium(LawMedium):
     """The effective medium: balls that differ displace their neighbours, in the average lattice of all (equations 28-46).
 
     Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three dimensions. It is valid from
