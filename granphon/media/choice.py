@@ -10,7 +10,6 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
@@ -40,9 +39,14 @@ __all__ = [
 Array = NDArray[np.float64]
 
 
-def _read_of_truth(attribute: str, meaning: str) -> Any:
+def _read_of_truth(attribute: str, kind: Any, meaning: str) -> Any:
     """Return the property of an :class:`AutoMedium` that reads an attribute of its truth, which alone holds the value."""
-    return property(lambda medium: getattr(medium.truth, attribute), doc=meaning)
+
+    def find(medium: AutoMedium) -> Any:
+        return getattr(medium.truth, attribute)
+
+    find.__annotations__["return"] = kind  # for the page of the interface
+    return property(find, doc=meaning)
 
 
 @dataclass(frozen=True, init=False)
@@ -78,9 +82,9 @@ class AutoMedium(Loaded[ContactState]):
 
     packing: Packing
     tolerance: float = 1e-3
-    friction_history: bool = _read_of_truth("is_loaded", "Whether the truth is arrays that were loaded with friction.")
-    friction_coefficient: float | None = _read_of_truth("friction_coefficient", "Mu of these arrays; None without friction.")
-    shear_response: str = _read_of_truth("shear_response", "How contacts of these arrays resist sound.")
+    friction_history: bool = _read_of_truth("is_loaded", bool, "Whether the truth is arrays loaded with friction.")
+    friction_coefficient: float | None = _read_of_truth("friction_coefficient", float | None, "Mu of the truth.")
+    shear_response: str = _read_of_truth("shear_response", str, "How contacts of the truth resist sound.")
     #: the simulated arrays that expected errors are relative to
     truth: Truth = field(init=False, repr=False, compare=False)
 
@@ -90,8 +94,8 @@ class AutoMedium(Loaded[ContactState]):
     }
 
     def __init__(
-        self, packing: Packing, tolerance: float = tolerance, friction_history: bool = False,
-        friction_coefficient: float | None = None, shear_response: str = SHEAR_RESPONSES[0],
+        self, packing: Packing, tolerance: float = 1e-3, friction_history: bool = False,
+        friction_coefficient: float | None = None, shear_response: str = "slide",
     ) -> None:  # fmt: skip
         object.__setattr__(self, "packing", given_packing(packing))
         object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))

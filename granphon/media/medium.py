@@ -63,9 +63,9 @@ StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 class Loaded(ABC, Generic[StateT]):
     """Base class of the media: the three ways to give a load, each of which calls :meth:`at`."""
 
-    #: the word for the medium in scenes and sweeps
+    # the word for the medium in scenes and sweeps
     name: ClassVar[str]
-    #: what a scene or a sweep may set of the medium besides the packing, by name
+    # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
 
     @abstractmethod
