@@ -83,7 +83,9 @@ class AutoMedium(Loaded[ContactState]):
     packing: Packing
     tolerance: float = 1e-3
     friction_history: bool = _read_of_truth("is_loaded", bool, "Whether the truth is arrays loaded with friction.")
-    friction_coefficient: float | None = _read_of_truth("friction_coefficient", float | None, "Mu of the truth.")
+    friction_coefficient: float | None = _read_of_truth(
+        "friction_coefficient", float | None, "Mu of the truth, without a unit; None of arrays at rest without friction."
+    )
     shear_response: str = _read_of_truth("shear_response", str, "How contacts of the truth resist sound.")
     #: the simulated arrays that expected errors are relative to
     truth: Truth = field(init=False, repr=False, compare=False)
