@@ -44,7 +44,7 @@ INNER = frozenset({
     "added", "schema", "shapes", "shown", "options", "written_as", "said_units", "check", "check_finite", "check_mean",
     "check_sizes", "check_state", "once", "branch_scales", "prescribed", "require", "discard_results_on_any_change",
     "implemented_properties", "set", "units_of", "flat", "describe", "width_units", "response", "tally", "plan", "survey",
-    "rung", "operator", "parameters_of_branches", "sweeps_exponents", "waves_need_arrays", "to_info",
+    "rung", "is_exact", "operator", "parameters_of_branches", "sweeps_exponents", "waves_need_arrays", "to_info",
 })  # fmt: skip
 
 

@@ -361,7 +361,7 @@ def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
     for media in data["lattices"]["triangular"]["errors"]["uniform"].values():
         for name, rows in media.items():
             media[name] = (0.2 * np.array(rows)).tolist()
-    monkeypatch.setattr("granphon.media.choice.accuracy", lambda: Accuracy(data))
+    monkeypatch.setattr("granphon.media.ladder.accuracy", lambda: Accuracy(data))
     found = [one for one in maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]) if one.medium]
     assert len(found) >= 20
     assert np.mean([one.kept for one in found]) < 0.8

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import pickle
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,9 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, _sort_options, expected_error, medium
+from granphon.media.choice import MediumChoice, _sort_options
+from granphon.media.choice import read_medium as medium
+from granphon.media.ladder import expected_error
 from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
@@ -469,6 +472,19 @@ def test_a_simulation_without_friction_is_off_by_its_chance_and_by_what_friction
         one = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY, **other}})
         assert np.all(np.isinf(expected_error(one, rough, load, truth)))
     assert np.all(np.isinf(expected_error(loaded, rough, load)))
+
+
+def test_the_options_of_a_history_are_read_from_the_truth(rough):
+    auto = gp.AutoMedium(rough, 0.01, **HISTORY)
+    assert vars(auto).keys() == {"packing", "tolerance", "truth"}
+    assert {name: getattr(auto, name) for name in HISTORY} == HISTORY == auto.truth.options
+    assert repr(auto).endswith("tolerance=0.01, friction_history=True, friction_coefficient=0.2, shear_response='stick')")
+    assert replace(auto, tolerance=0.1).truth == pickle.loads(pickle.dumps(auto)).truth == auto.truth
+    assert replace(auto, tolerance=0.1) != auto == replace(auto)
+    assert auto != replace(auto, shear_response="slide")
+    assert not gp.AutoMedium(rough).friction_history
+    with pytest.raises(FrozenInstanceError):
+        auto.friction_coefficient = 0.3
 
 
 def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit):

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
-from granphon.media.choice import MEDIA, OPTIONS, MediumChoice, expected_error
+from granphon.media.choice import MEDIA, OPTIONS, MediumChoice
+from granphon.media.ladder import expected_error
 
 CLASSES = {
     "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
@@ -134,7 +135,7 @@ def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):
     def asked():
         raise AssertionError("nobody asked for an error")
 
-    monkeypatch.setattr("granphon.media.choice.accuracy", asked)
+    monkeypatch.setattr("granphon.media.ladder.accuracy", asked)
     scene = gp.Scene.from_text(
         "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
         "packing: {diameter: 1 mm, spread: {uniform: 0.3 um}}\nload: {force: 1 N}\nmedium: ema\n"

@@ -21,7 +21,7 @@ from granphon.base.notebook import write_html
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import require, truth
 
-__all__ = ["MINDLIN", "Packing", "describe_packing"]
+__all__ = ["MINDLIN", "Packing", "describe_packing", "given_packing"]
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -213,6 +213,13 @@ class Packing:
 
     def _repr_html_(self) -> str:
         return write_html("Packing", describe_packing(self))
+
+
+def given_packing(packing: Packing) -> Packing:
+    """Return ``packing``, the argument of a public call; raises :class:`InputError` if it is not a Packing."""
+    if not isinstance(packing, Packing):
+        raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
+    return packing
 
 
 def describe_packing(packing: Packing) -> list[tuple[str, Any, str]]:

@@ -26,7 +26,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -40,9 +40,9 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import choice, require, truth
-from granphon.media.loading import friction_coefficient as read_friction_coefficient
-from granphon.media.loading import refuse_without_history
+from granphon.base.validation import require
+from granphon.media.equilibria import reduce_load
+from granphon.media.loading import read_history_options, refuse_without_history
 
 __all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients", "read_truth"]
 
@@ -52,7 +52,7 @@ Array = NDArray[np.float64]
 DEVIATIONS = 2.5
 #: name in the table of what the samples of a simulation at rest without friction are off from those loaded with friction
 FRICTIONLESS = "frictionless"
-#: of the form of the file
+#: schema number of the file
 _SCHEMA = 3
 
 
@@ -83,8 +83,16 @@ class Truth:
         return {"friction_history": True, **given}
 
     @property
+    def _error_power(self) -> float:
+        """Power of the spread over the overlap with which errors fall at high loads.
+
+        It is two; one with partial slip, where contacts are softer by |T|/(3 mu f), of the first order in that.
+        """
+        return 1.0 if self.is_loaded and self.shear_response == "partial_slip" else 2.0
+
+    @property
     def told(self) -> str:
-        """What befell the arrays, in words."""
+        """How the arrays came to their load, in words."""
         if self.friction_coefficient is None:
             return "at rest without friction"
         return f"loaded with friction, mu = {self.friction_coefficient:g}, shear_response {self.shear_response}"
@@ -99,11 +107,9 @@ def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shea
     Raises :class:`~granphon.base.errors.InputError` for an option out of range, a history without a friction coefficient,
     and options of a history without one.
     """
-    given: dict[str, Any] = {
-        "friction_history": require("friction_history", truth, friction_history),
-        "friction_coefficient": require("friction_coefficient", read_friction_coefficient, friction_coefficient),
-        "shear_response": require("shear_response", partial(choice, options=SHEAR_RESPONSES), shear_response),
-    }
+    given = read_history_options({
+        "friction_history": friction_history, "friction_coefficient": friction_coefficient, "shear_response": shear_response,
+    })  # fmt: skip
     require(what, refuse_without_history, given)
     return Truth(given["friction_coefficient"], given["shear_response"])
 
@@ -168,16 +174,6 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
 
-    def reduced(self, packing: Packing, load: Load) -> Array:
-        """Return f* of an applied load, or a* of a load that is given as an overlap."""
-        values = load.array
-        with np.errstate(all="ignore"):
-            if load.kind == "overlap":
-                return np.asarray(packing.width_units.reduced_spacing(values))
-            if load.kind == "pressure":
-                values = values * (packing.diameter ** (packing.structure.periods - 1) / packing.structure.pressure_factor)
-            return np.asarray(packing.width_units.reduced_force(values))
-
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: Truth = REST) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
@@ -193,19 +189,19 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         if part is None or self.explain_uncovered(packing, truth) is not None:
             return np.full(load.shape, np.inf)
-        table, chosen = _name_tabulated_kind(load.kind), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
-        at, family = np.array(part["loads"][table]), _name_family(packing)
-        known = [np.array(errors[family][table][medium])[chosen] for errors in _select_errors(part, truth)]
-        rows = np.concatenate(known).max(axis=0)
-        power = 1.0 if truth.is_loaded and truth.shear_response == "partial_slip" else 2.0
-        place = np.maximum(self.reduced(packing, load), 0.0)
+        table, family = _name_tabulated_kind(load.kind), _name_family(packing)
+        loads, rows = np.array(part["loads"][table]), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
+        beside = [np.array(errors[family][table][medium])[rows] for errors in _select_errors(part, truth)]
+        largest = np.concatenate(beside).max(axis=0)
+        place = np.maximum(reduce_load(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
-            found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
-            times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
-            found = np.where(place > at[-1], rows[-1] / np.maximum(times, 1.0) ** power, found)
+            found = np.exp(np.interp(np.log(place), np.log(loads), np.log(largest)))
+            # the overlap over that at the greatest load of the table, by the law of equal balls
+            further = (place / loads[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (loads[-1] - 0.5)
+            found = np.where(place > loads[-1], largest[-1] / np.maximum(further, 1.0) ** truth._error_power, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))
-        return np.asarray(np.where(place >= at[0], found, np.inf))
+        return np.asarray(np.where(place >= loads[0], found, np.inf))
 
 
 def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, mu: float | None) -> str | None:

@@ -125,8 +125,8 @@ def lattice_waves(state: ContactState, direction: ArrayLike) -> tuple[Array, Arr
     vectors as columns. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
     """
 
-    def find(lattice: ContactLattice, push: Array | None) -> Array:
-        velocities, polarisations = lattice.sound_velocities(direction, push)
+    def find(lattice: ContactLattice, stress: Array | None) -> Array:
+        velocities, polarisations = lattice.sound_velocities(direction, stress)
         return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
 
     scale = velocity_scale(state)
@@ -144,17 +144,17 @@ def _at_each_load(state: ContactState, find: Callable[[ContactLattice, Array | N
     With finite overlap all lengths scale with the spacing; of the load, only the prestress changes ratios of elastic
     constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
     """
-    packing, follows = state.packing, state.finite_overlap
-    lattice, push = lattice_without_overlap(state), prestress(state) if follows else None
-    changes = packing.torsion == MINDLIN or (follows and bool(packing.torsion or packing.bending))
+    packing, finite = state.packing, state.finite_overlap
+    lattice, stress = lattice_without_overlap(state), prestress(state) if finite else None
+    changes = packing.torsion == MINDLIN or (finite and bool(packing.torsion or packing.bending))
     # where no strain twists contacts, it does not matter by how much they resist; prestress might change that
-    unmoved = push is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
+    unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
     if packing.structure.n_balls == 1 or not changes or unmoved:
-        return find(lattice, push)
-    squared = np.broadcast_to((1.0 - state.relative_overlap) ** 2 if follows else 1.0, state.shape)
+        return find(lattice, stress)
+    squared = np.broadcast_to((1.0 - state.relative_overlap) ** 2 if finite else 1.0, state.shape)
     twist, roll = np.broadcast_to(state.torsion, state.shape) / squared, packing.bending / squared
     found = [
-        find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if push is None else push[at])
+        find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if stress is None else stress[at])
         for at in np.ndindex(state.shape)
     ]
     return np.asarray(found).reshape(*state.shape, *found[0].shape)

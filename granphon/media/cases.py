@@ -96,5 +96,7 @@ def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
     labels: dict[str, list[str]] = {}
     for label, text in labelled:
         labels.setdefault(text, []).append(label)
-    more = {text: f" and {len(of) - 1} more" if len(of) > 1 else "" for text, of in labels.items()}
-    return [f"{of[0]}{more[text]}: {text}" for text, of in labels.items()]
+    return [
+        f"{first} and {len(others)} more: {text}" if others else f"{first}: {text}"
+        for text, (first, *others) in labels.items()
+    ]

@@ -2,67 +2,54 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, message
+from granphon.balls.packing import Packing, given_packing
 from granphon.base.quantities import load_quantities
-from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, real_number, require, truth, whole
-from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy, read_truth
+from granphon.base.validation import block, choice, number, read_inside, real_number, require
+from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
-from granphon.media.loading import (
-    GEOMETRIES,
-    LOADING_OPTIONS,
-    friction_coefficient,
-    read_start,
-    refuse_without_history,
-    step_tolerance,
-)
+from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
+from granphon.media.loading import HISTORY_OPTIONS, LATTICE, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.medium import Loaded, Medium
-from granphon.media.sampled_balls import DEFAULT_SHAPES, MOST_SEED
+from granphon.media.medium import Loaded, Medium, Option
+from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
-from granphon.media.sizes_and_times import MOMENT, SIDES, even_shape, simulating_time, solving_time
-from granphon.media.state import ContactState, overlap_flag
+from granphon.media.sizes_and_times import MOMENT, solving_time
+from granphon.media.state import ContactState, read_finite_overlap
 
 __all__ = [
     "MEDIA",
     "OPTIONS",
     "AutoMedium",
     "MediumChoice",
-    "Option",
     "Rung",
-    "expected_error",
-    "medium",
     "no_simulation",
+    "read_medium",
 ]
 
 Array = NDArray[np.float64]
-#: rule of validation for a relative error
-relative_error: Rule = partial(number, low=1e-12, high=0.99)
-#: rule of validation for the cells of a sample along each period of its lattice
-_cells = partial(lengths, low=1, high=20_000)
 
 
-@dataclass(frozen=True)
-class Option:
-    """An option of a medium: its default, and the rule that reads its value."""
+def _read_of_truth(attribute: str, kind: Any, meaning: str) -> Any:
+    """Return the property of an :class:`AutoMedium` that reads an attribute of its truth, which alone holds the value."""
 
-    default: Any
-    rule: Rule
+    def find(medium: AutoMedium) -> Any:
+        return getattr(medium.truth, attribute)
+
+    find.__annotations__["return"] = kind  # for the page of the interface
+    return property(find, doc=meaning)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
@@ -91,26 +78,31 @@ class AutoMedium(Loaded[ContactState]):
         for balls without friction. From ``at_*``: finite overlap, which a simulation does not offer.
     """
 
-    name: ClassVar[str] = "auto"
+    name = "auto"
 
     packing: Packing
     tolerance: float = 1e-3
-    friction_history: bool = False
-    friction_coefficient: float | None = None
-    shear_response: str = SHEAR_RESPONSES[0]
+    friction_history: bool = _read_of_truth("is_loaded", bool, "Whether the truth is arrays loaded with friction.")
+    friction_coefficient: float | None = _read_of_truth(
+        "friction_coefficient", float | None, "Mu of the truth, without a unit; None of arrays at rest without friction."
+    )
+    shear_response: str = _read_of_truth("shear_response", str, "How contacts of the truth resist sound.")
+    #: the simulated arrays that expected errors are relative to
+    truth: Truth = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
-        found = read_truth("AutoMedium", self.friction_history, self.friction_coefficient, self.shear_response)
-        object.__setattr__(self, "friction_history", found.is_loaded)
-        object.__setattr__(self, "friction_coefficient", found.friction_coefficient)
+    options = {
+        "tolerance": Option(tolerance, partial(number, low=1e-12, high=0.99)),
+        **{name: HISTORY_OPTIONS[name] for name in ("friction_history", "friction_coefficient", "shear_response")},
+    }
 
-    @property
-    def truth(self) -> Truth:
-        """The simulated arrays that expected errors are relative to."""
-        return Truth(self.friction_coefficient, self.shear_response)
+    def __init__(
+        self, packing: Packing, tolerance: float = 1e-3, friction_history: bool = False,
+        friction_coefficient: float | None = None, shear_response: str = "slide",
+    ) -> None:  # fmt: skip
+        object.__setattr__(self, "packing", given_packing(packing))
+        object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))
+        truth = read_truth("AutoMedium", friction_history, friction_coefficient, shear_response)
+        object.__setattr__(self, "truth", truth)
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
@@ -135,41 +127,22 @@ class AutoMedium(Loaded[ContactState]):
         options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
         # if no option serves every load, the largest simulation of the truth does: it is best wherever another would serve
-        return options[serves[0]] if serves.size else max(options, key=_rank)
+        return options[serves[0]] if serves.size else _list_options(self.packing, self.truth)[-1]
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
 
         Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
         """
-        if (why := accuracy().explain_uncovered(self.packing, self.truth)) is not None:
-            raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
+        require_known(self.packing, self.truth)
         options = _sort_options(self.packing, load, self.truth)
         errors = np.array([expected_error(option, self.packing, load, self.truth) for option in options])
-        best = np.min(errors, axis=0)
-        if np.any(best > self.tolerance):
-            worst = int(np.argmax(best))
-            unmet = self._explain_unmet(load[worst], float(best[worst]))
-            unmet.load_index = worst
-            raise unmet
+        require_within(self.tolerance, errors, self.packing, load, self.truth)
         return options, errors
-
-    def _explain_unmet(self, load: Load, best: float) -> InputError:
-        structure = self.packing.structure
-        where = load.describe(structure.periods) + f" against {self.truth}" * self.truth.is_loaded
-        if np.isfinite(best):
-            what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
-            balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
-            why = f"The smallest expected error there is {best:.2g}, of a simulation of {balls:,} balls"
-            return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
-        name = "a*" if load.kind == "overlap" else "f*"
-        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(self.packing, load.kind, self.truth)
-        what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
-        return InputError(message(what, f"They are known from {name} = {least:g} on", "Raise the load, or name a medium"))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
-        if overlap_flag(finite_overlap)[0]:
+        if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         load = load.applied
         serving = self.serving(load.kind, load.array).of(self.packing)
@@ -178,35 +151,9 @@ class AutoMedium(Loaded[ContactState]):
 
 _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
 #: the classes of media by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[_AnyMedium]] = {
-    rung.name: rung
-    for rung in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium)
-}
+MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
-    EffectiveMedium.name: {
-        option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
-    },
-    ClusterMedium.name: {"balls": Option(ClusterMedium.balls, partial(whole, low=2, high=100))},
-    DirectSimulation.name: {
-        "shape": Option(DirectSimulation.shape, _cells),
-        "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
-        "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
-        "geometry": Option(DirectSimulation.geometry, partial(choice, options=GEOMETRIES)),
-        "friction_history": Option(DirectSimulation.friction_history, truth),
-        "friction_coefficient": Option(DirectSimulation.friction_coefficient, friction_coefficient),
-        "start": Option(DirectSimulation.start, read_start),
-        "shear_response": Option(DirectSimulation.shear_response, partial(choice, options=SHEAR_RESPONSES)),
-        "step_tolerance": Option(DirectSimulation.step_tolerance, step_tolerance),
-        "ordered": Option(DirectSimulation.ordered, truth),
-    },
-    AutoMedium.name: {
-        "tolerance": Option(AutoMedium.tolerance, relative_error),
-        "friction_history": Option(AutoMedium.friction_history, truth),
-        "friction_coefficient": Option(AutoMedium.friction_coefficient, friction_coefficient),
-        "shear_response": Option(AutoMedium.shear_response, partial(choice, options=SHEAR_RESPONSES)),
-    },
-}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in MEDIA.items()}
 
 
 @dataclass(frozen=True)
@@ -239,7 +186,7 @@ class MediumChoice:
         cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
     ) -> MediumChoice:
         """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :meth:`on`."""
-        found: MediumChoice = require("medium", partial(medium, lattice=lattice), value)
+        found: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return found
 
     def on(self, lattice: Lattice) -> MediumChoice:
@@ -259,8 +206,8 @@ class MediumChoice:
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if not found.get("friction_history"):
-            plain = {"friction_history", *LOADING_OPTIONS, *["geometry"] * (found.get("geometry") == GEOMETRIES[0])}
+        if not self.truth.is_loaded:
+            plain = {*HISTORY_OPTIONS, *["geometry"] * (found.get("geometry") == LATTICE)}
             found = {name: value for name, value in found.items() if name not in plain}
         start = found.get("start", 0.0)
         if isinstance(start, Load):
@@ -353,66 +300,18 @@ class Rung:
         return expected_error(self.medium, self.packing, self.load, self.truth).ravel()
 
 
+def _list_options(packing: Packing, against: Truth) -> list[MediumChoice]:
+    """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
+    return [MediumChoice(name, tuple(options.items())) for name, options in list_rungs(packing, against)]
+
+
 def _sort_options(packing: Packing, load: Load, against: Truth = REST) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`, sorted by their time at a load.
-
-    That is the least of these loads; for samples that are loaded with friction it is the greatest, to which they are loaded.
-    """
-    if not packing.spread_matters:
-        return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
-    media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
-    least, greatest = (load[int(find(load.array))] for find in (np.argmin, np.argmax))
-    structure = packing.structure
-    shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
-    simulations = [
-        MediumChoice(DirectSimulation.name, (("shape", shape), *of.options.items()))
-        for of in dict.fromkeys((REST, against))
-        for shape in shapes
-    ]
-
-    def seconds(option: MediumChoice) -> float:
-        medium = option.of(packing)
-        if isinstance(medium, DirectSimulation):
-            return simulating_time(medium, greatest if medium.friction_history else least)
-        return solving_time(packing) if isinstance(medium, EffectiveMedium) else 0.0
-
-    return sorted([*media, *simulations], key=seconds)
+    """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
+    return sort_by_time(_list_options(packing, against), packing, load)
 
 
-def _rank(option: MediumChoice) -> tuple[bool, tuple[int, ...]]:
-    """Return what is greatest for the largest sample of the truth: whether it is loaded with friction, and its shape."""
-    settings = option.settings
-    return bool(settings.get("friction_history")), settings.get("shape", (0,))
-
-
-def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: Truth = REST) -> Array:
-    """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
-
-    It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
-    every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays that
-    were loaded with friction is what these differ by, and the chance in its samples.
-    """
-    settings, known = choice.settings, accuracy()
-    if not packing.spread_matters:
-        return np.zeros(load.shape)
-    other = settings.get("friction_history") and not _is_sample_of(choice, against)
-    if choice.name not in known.media() or settings.get("local_field") == "paper" or other:
-        return np.full(load.shape, np.inf)
-    medium = choice.of(packing)
-    balls = medium.balls * medium.samples if isinstance(medium, DirectSimulation) else 1
-    if not choice.simulates or settings["friction_history"] == against.is_loaded:
-        return known.error(choice.name, packing, load, balls, against)
-    return known.error(FRICTIONLESS, packing, load, truth=against) + known.error(choice.name, packing, load, balls)
-
-
-def _is_sample_of(choice: MediumChoice, against: Truth) -> bool:
-    """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
-    own = MediumChoice(choice.name, tuple(against.options.items())).settings
-    return all(choice.settings[name] == own[name] for name in own.keys() - {"shape", "seed", "samples"})
-
-
-def medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
-    """Validate a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
+def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
+    """Read a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
 
     With a ``lattice``, the shape of a sample has one length for each of its periods. What is ``written`` in a file has
     units; otherwise plain numbers are in SI.
@@ -425,8 +324,8 @@ def medium(value: Any, lattice: Lattice | None = None, written: bool = False) ->
     options = (
         {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
     )
-    found = MediumChoice(name, tuple(options.items()))
-    return found if lattice is None else found.on(lattice)
+    read = MediumChoice(name, tuple(options.items()))
+    return read if lattice is None else read.on(lattice)
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
@@ -435,14 +334,15 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     A simulation has no terms of finite overlap.
     """
     for one in media:
-        if one.is_automatic or (one.simulates and one.settings["geometry"] != "exact"):
+        if one.is_automatic or (one.simulates and one.settings["geometry"] == LATTICE):
             raise no_finite_overlap(one.label)
 
 
 def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:
+    """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other arguments."""
     rules = {option: known.rule for option, known in OPTIONS[name].items()}
     if lattice is not None and "shape" in rules:
-        rules["shape"] = partial(_cells, periods=lattice.periods)
+        rules["shape"] = partial(read_cells, periods=lattice.periods)
     if lattice is not None and "start" in rules:
         quantities = load_quantities(lattice.periods)
 

@@ -6,22 +6,25 @@ It goes a step beyond the effective medium, whose cluster is one ball. See :mod:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from granphon.balls.packing import Packing
 from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
+from granphon.base.validation import whole
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.laws.cluster import VALID_FORCE, ClusterLaw
-from granphon.media.mean_field import _ByLaw
+from granphon.media.mean_field import LawMedium
+from granphon.media.medium import Option
 from granphon.media.state import Law
 
 __all__ = ["ClusterMedium"]
 
 
 @dataclass(frozen=True)
-class ClusterMedium(_ByLaw):
+class ClusterMedium(LawMedium):
     """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
 
     It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
@@ -45,6 +48,8 @@ class ClusterMedium(_ByLaw):
 
     packing: Packing
     balls: int | None = None
+
+    options = {"balls": Option(balls, partial(whole, low=2, high=100))}
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -27,12 +27,14 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.equilibria import reduce_load
 from granphon.media.history_cost import estimate_history
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 
 __all__ = [
     "Cost",
+    "array_waves",
     "available_memory",
     "bands",
     "cluster_media",
@@ -53,8 +55,11 @@ _BALL_BYTES = {1: 210.0, 2: 300.0, 3: 470.0}
 _ROTATING_BALL_BYTES = {2: 260.0, 3: 260.0}
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
 _GREEN_BYTES = 50.0
-#: f* below which contacts are factorised, and bytes for each ball that this takes more, without rotations and with them
-_FACTOR_FORCE, _FACTOR_BYTES, _ROTATING_FACTOR_BYTES = 0.015, 2100.0, 4900.0
+#: f* below which contacts are factorised
+_FACTOR_FORCE = 0.015
+#: bytes for each ball that this takes more, without rotations and with them
+_FACTOR_BYTES = 2100.0
+_ROTATING_FACTOR_BYTES = 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
@@ -84,15 +89,22 @@ _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
 #: times of an equilibrium and of a response in the exact geometry over those on the lattice
-_EXACT_TIME, _EXACT_RESPONSE_TIME = 6.0, 2.0
-#: bytes for each ball while a path is worked on, and of each state of it that is kept, with two and three periods
-_HISTORY_BYTES, _HISTORY_STATE_BYTES = {2: 2000.0, 3: 5000.0}, {2: 60.0, 3: 150.0}
+_EXACT_TIME = 6.0
+_EXACT_RESPONSE_TIME = 2.0
+#: bytes for each ball while a path is worked on, with two and three periods
+_HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
+#: bytes for each ball of each state of a path that is kept
+_HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
-_SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
-#: memory of a cluster medium, bytes, and its time, s: of any cluster, and for each of its balls
-_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, (10.0, 3.0)
+_SMALL_SPACING = 1.0
+_SMALL_FORCE = 0.3678
+#: memory of a cluster medium, bytes
+_CLUSTER_BYTES = 2e8
+#: time of a cluster medium, s, and what each of its balls adds, s
+_CLUSTER_SECONDS = 10.0
+_CLUSTER_BALL_SECONDS = 3.0
 #: bytes for each contact while its network is made, and then its operator
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
@@ -280,7 +292,7 @@ def estimate(
     rest = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE))
     rest = rest / _estimate_effort(_SMALL_FORCE)
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0 * rest
-    if simulation.geometry == "exact":
+    if simulation.is_exact:
         rest, linear = _EXACT_TIME * rest, _EXACT_RESPONSE_TIME * linear
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
     work, bounds = float(np.sum(rest + linear + beside)), False
@@ -303,9 +315,8 @@ def _find_start(packing: Packing, start: Prescribed | str) -> float:
 
 def _estimate_spacing(packing: Packing, load: Load) -> Array:
     """Return the approximate a* of each value of an applied load."""
-    if load.kind == "overlap":
-        return np.asarray(packing.width_units.reduced_spacing(np.ravel(load.array)))
-    return _find_spacing(packing, _estimate_reduced_force(packing, load))
+    reduced = np.ravel(reduce_load(packing, load))
+    return reduced if load.kind == "overlap" else _find_spacing(packing, reduced)
 
 
 def _find_spacing(packing: Packing, force: Array) -> Array:
@@ -327,18 +338,18 @@ def find_typical_force(packing: Packing, load: Load) -> Array:
 
 def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
-    loads, periods = np.ravel(load.array), packing.structure.periods
-    if load.kind == "overlap":
-        spacing = packing.width_units.reduced_spacing(loads)
-        hertz = np.maximum(spacing - 0.5, 0.0) ** 1.5
-        if periods not in _CURVES:
-            return np.asarray(hertz)
-        known, forces = _CURVES[periods]
-        near = np.exp(np.interp(np.log(np.maximum(spacing, known[0])), np.log(known), np.log(forces)))
-        return np.asarray(np.where(spacing > known[-1], hertz, near))
-    if load.kind == "pressure":
-        loads = loads * (packing.diameter ** (periods - 1) / packing.structure.pressure_factor)
-    return np.asarray(packing.width_units.reduced_force(loads))
+    reduced = np.ravel(reduce_load(packing, load))
+    return _find_force(packing, reduced) if load.kind == "overlap" else reduced
+
+
+def _find_force(packing: Packing, spacing: Array) -> Array:
+    """Return the approximate f* of reduced spacings."""
+    hertz = np.asarray(np.maximum(spacing - 0.5, 0.0) ** 1.5)
+    if packing.structure.periods not in _CURVES:
+        return hertz
+    known, forces = _CURVES[packing.structure.periods]
+    near = np.exp(np.interp(np.log(np.maximum(spacing, known[0])), np.log(known), np.log(forces)))
+    return np.where(spacing > known[-1], hertz, near)
 
 
 def _estimate_effort(force: ArrayLike) -> Array:
@@ -417,8 +428,8 @@ def array_waves(
 def cluster_media(count: int, balls: float) -> Cost:
     """Estimate the cost of ``count`` cluster media of so many ``balls`` on average, each solved once for all loads."""
     what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"
-    seconds, more = _CLUSTER_SECONDS
-    return Cost(working=_CLUSTER_BYTES, known=count * (seconds + more * balls), parts=(what,))
+    seconds = count * (_CLUSTER_SECONDS + _CLUSTER_BALL_SECONDS * balls)
+    return Cost(working=_CLUSTER_BYTES, known=seconds, parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:

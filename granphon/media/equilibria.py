@@ -25,21 +25,27 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import explain_untouched
 
-__all__ = ["find_equilibria", "find_equilibrium", "sort_by_load", "prescribe", "require_load", "share_array"]
+__all__ = ["find_equilibria", "find_equilibrium", "sort_by_load", "prescribe", "reduce_load", "require_load", "share_array"]
 
 Array = NDArray[np.float64]
 
 
+def reduce_load(packing: Packing, load: Load) -> Array:
+    """Return f* of each value of an applied load, or a* of a load that is given as an overlap, with its shape."""
+    units, structure, values = packing.width_units, packing.structure, load.array
+    with np.errstate(all="ignore"):  # beyond the floating range f* and a* are infinite
+        if load.kind == "overlap":
+            return np.asarray(units.reduced_spacing(values))
+        if load.kind == "pressure":
+            values = values * (packing.diameter ** (structure.periods - 1) / structure.pressure_factor)
+        return np.asarray(units.reduced_force(values))
+
+
 def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
     """Convert each value of an applied load to a prescribed force or overlap in units of the width, in C order."""
-    units = packing.width_units
-    if load.kind == "overlap":
-        return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
-    force = units.reduced_force(load.array)
-    if load.kind == "pressure":
-        structure = packing.structure
-        force = load.array / (structure.pressure_factor * units.force) * packing.diameter ** (structure.periods - 1)
-    return [Prescribed(force=one) for one in force.ravel().tolist()]
+    if load.kind == "overlap":  # a* would lose the digits of a small overlap
+        return [Prescribed(overlap=one) for one in packing.width_units.reduced_overlap(load.array).ravel().tolist()]
+    return [Prescribed(force=one) for one in reduce_load(packing, load).ravel().tolist()]
 
 
 def require_load(packing: Packing, load: Load, largest: float) -> None:
@@ -112,9 +118,10 @@ def find_equilibrium(
     The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None.
     """
     start: Equilibrium | None = None
-    if before is not None:
+    if before is not None and ratio:
+        start = TrueEquilibrium(deviations, *before, lattice=lattice, ratio=ratio)
+    elif before is not None:
         start = Equilibrium(deviations, *before, lattice=lattice)
-        start = TrueEquilibrium(deviations, *before, lattice=lattice, ratio=ratio) if ratio else start
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     return _equilibrate(deviations, prescribed, stencils, start, ratio)
 

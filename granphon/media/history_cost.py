@@ -18,28 +18,40 @@ from granphon.media.loading import Loading
 __all__ = ["count_iterations", "count_steps", "estimate_history"]
 
 Array = NDArray[np.float64]
-#: steps of the load for each unit of a*, at the tolerance; they grow as its inverse root. And the longest way that counts
-_STEPS, _TOLERANCE, _MOST_WAY = 30.0, 1e-4, 0.5
-#: iterations of GMRES in a step of an array of one ball without a limit on T, and their power of the number of balls
-_ITERATIONS, _POWER = 2.9, 0.36
-#: what Coulomb's limit adds to them, as a part of 1/mu^2 for so many balls, and its power of the number of balls
-_SLIDING, _SLIDING_BALLS, _SLIDING_POWER = 0.03, 1024.0, 0.35
-#: time of an iteration for each ball, and the number of balls of an array in which it is twice as long
-_ITERATION_TIME, _FEW_BALLS = 0.05, 2300.0
+#: steps of the load for each unit of a*, at a tolerance of :data:`_STEPS_TOLERANCE`; they grow as its inverse root
+_STEPS = 30.0
+_STEPS_TOLERANCE = 1e-4
+#: longest way in a* from one load to the next that counts
+_MOST_WAY = 0.5
+#: iterations of GMRES in a step of an array of one ball without a limit on T
+_ITERATIONS = 2.9
+#: their power of the number of balls
+_ITERATIONS_POWER = 0.36
+#: what Coulomb's limit adds to them, as a part of 1/mu^2, in an array of :data:`_SLIDING_BALLS`
+_SLIDING = 0.03
+_SLIDING_BALLS = 1024.0
+#: its power of the number of balls
+_SLIDING_POWER = 0.35
+#: time of an iteration for each ball of a large array
+_ITERATION_TIME = 0.05
+#: number of balls of an array in which it is twice as long
+_FEW_BALLS = 2300.0
 #: the same in the exact geometry, over that on the lattice
 _EXACT_TIME = 3.0
 #: iterations from the gas to where an array stands, over those of a step; there were up to ten times as many
 _GAS_STEPS = 150.0
 #: steps of further loading for an exponent
 _BESIDE_STEPS = 3.0
-#: least mu above zero, and least tolerance, for which there are counts: below these an estimate is a lower bound
-_LEAST_FRICTION, _LEAST_TOLERANCE = 0.02, 1e-5
+#: least mu above zero for which there are counts: below it an estimate is a lower bound
+_LEAST_FRICTION = 0.02
+#: the same for the tolerance of steps
+_LEAST_TOLERANCE = 1e-5
 
 
 def count_steps(loading: Loading, path: Array, start: float) -> float:
     """Return about how many steps a history takes from the a* of its start to those of its ordered ``path``."""
     ways = np.minimum(np.abs(np.diff(path, prepend=start)), _MOST_WAY)
-    return float(np.sum(np.maximum(_STEPS * ways * math.sqrt(_TOLERANCE / loading.step_tolerance), 1.0)))
+    return float(np.sum(np.maximum(_STEPS * ways * math.sqrt(_STEPS_TOLERANCE / loading.step_tolerance), 1.0)))
 
 
 def count_iterations(balls: int, friction_coefficient: float) -> float:
@@ -48,7 +60,7 @@ def count_iterations(balls: int, friction_coefficient: float) -> float:
     if 0.0 < friction_coefficient < math.inf:
         held = max(friction_coefficient, _LEAST_FRICTION)
         sliding = _SLIDING * (balls / _SLIDING_BALLS) ** _SLIDING_POWER / held / held
-    return float(_ITERATIONS * balls**_POWER * (1.0 + sliding))
+    return float(_ITERATIONS * balls**_ITERATIONS_POWER * (1.0 + sliding))
 
 
 def estimate_history(loading: Loading, balls: int, path: Array, start: float, exponents: bool = False) -> tuple[float, bool]:

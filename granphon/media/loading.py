@@ -25,22 +25,18 @@ from granphon.base.results import read_only
 from granphon.base.text import show
 from granphon.base.validation import choice, number, real_number, require, truth
 from granphon.media.equilibria import prescribe, require_load
+from granphon.media.medium import Option
 from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
-    "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "friction_coefficient", "press",
-    "press_all", "read_loading", "read_start", "refuse_without_history", "require_above",
-    "step_tolerance",
+    "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "press",
+    "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history", "require_above",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-#: the geometries of contacts; the first is the default
-GEOMETRIES = ("lattice", "exact")
-#: the options that have no meaning without friction_history, with their defaults
-LOADING_OPTIONS: Mapping[str, Any] = {
-    "friction_coefficient": None, "start": None, "shear_response": SHEAR_RESPONSES[0],
-    "step_tolerance": REFINEMENT_TOLERANCE, "ordered": False,
-}  # fmt: skip
+#: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
+LATTICE, EXACT = "lattice", "exact"
+_read_geometry = partial(choice, options=(LATTICE, EXACT))
 #: least and greatest reduced spacing a* that may be given as a start
 _STARTS = (-1.0, 1e6)
 #: fraction by which rounding may put a load below the start
@@ -86,7 +82,7 @@ class Pressed:
 # -- options ----------------------------------------------------------------------------------------------------------
 
 
-def friction_coefficient(value: Any) -> float | None:
+def read_friction_coefficient(value: Any) -> float | None:
     """Read a friction coefficient: a number, zero or above, infinity too; None is that of no history.
 
     It is a rule of :mod:`granphon.base.validation`.
@@ -98,10 +94,6 @@ def friction_coefficient(value: Any) -> float | None:
     if not found >= 0.0:
         raise Refused(show(value), "a number, zero or above, or inf")
     return found
-
-
-#: rule of validation for the tolerance of steps
-step_tolerance = partial(number, low=1e-9, high=1.0)
 
 
 def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | str | None:
@@ -134,6 +126,23 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     return found
 
 
+#: the options that have no meaning without friction_history
+LOADING_OPTIONS: Mapping[str, Option] = {
+    "friction_coefficient": Option(None, read_friction_coefficient),
+    "start": Option(None, read_start),
+    "shear_response": Option(SHEAR_RESPONSES[0], partial(choice, options=SHEAR_RESPONSES)),
+    "step_tolerance": Option(REFINEMENT_TOLERANCE, partial(number, low=1e-9, high=1.0)),
+    "ordered": Option(False, truth),
+}
+#: those that say whether and how samples are loaded with friction
+HISTORY_OPTIONS: Mapping[str, Option] = {"friction_history": Option(False, truth), **LOADING_OPTIONS}
+
+
+def read_history_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Read some of :data:`HISTORY_OPTIONS`; :class:`~granphon.base.errors.InputError` for one that is out of range."""
+    return {name: require(name, HISTORY_OPTIONS[name].rule, value) for name, value in given.items()}
+
+
 def refuse_without_history(options: Mapping[str, Any]) -> None:
     """Raise :class:`~granphon.base.errors.Refused` for options of a medium that contradict each other.
 
@@ -144,7 +153,8 @@ def refuse_without_history(options: Mapping[str, Any]) -> None:
             mend = "Give a friction_coefficient too, such as 0.2: it is a property of the surfaces."
             raise Refused("no friction_coefficient", "a number, zero or above, or inf", mend, ("friction_coefficient",))
         return
-    for name, default in LOADING_OPTIONS.items():
+    for name, option in LOADING_OPTIONS.items():
+        default = option.default
         value = options.get(name, default)
         if value is not default and not (isinstance(value, str | float | int) and value == default):
             found = f"{show(options[name])} without friction_history"
@@ -161,16 +171,10 @@ def read_loading(
     meaning for the packing.
     """
     require("DirectSimulation", refuse_without_history, {"friction_history": friction_history, **options})
-    ratio = find_ratio(packing, require("geometry", partial(choice, options=GEOMETRIES), geometry))
+    ratio = find_ratio(packing, require("geometry", _read_geometry, geometry))
     if not friction_history:
         return None, dict(options)
-    given: dict[str, Any] = {
-        "friction_coefficient": require("friction_coefficient", friction_coefficient, options["friction_coefficient"]),
-        "start": require("start", read_start, options["start"]),
-        "shear_response": require("shear_response", partial(choice, options=SHEAR_RESPONSES), options["shear_response"]),
-        "step_tolerance": require("step_tolerance", step_tolerance, options["step_tolerance"]),
-        "ordered": require("ordered", truth, options["ordered"]),
-    }
+    given = read_history_options(options)
     if packing.structure.periods == 1:
         why = "On a line contacts do not slip, so that friction does nothing"
         raise InputError(message("a chain has no friction_history", why, "Leave it out"))
@@ -187,7 +191,7 @@ def find_ratio(packing: Packing, geometry: str) -> float:
     Raises :class:`~granphon.base.errors.InputError` where the exact one is that of the lattice: of equal balls, on a line;
     and where balls differ too much for it.
     """
-    if geometry == GEOMETRIES[0]:
+    if geometry == LATTICE:
         return 0.0
     if not packing.spread_matters:
         what = "on a line" if packing.width else "of equal balls"
@@ -213,25 +217,27 @@ def _reduce_start(packing: Packing, start: float | Load | str | None) -> Prescri
 class LoadedBalls(SampledBalls):
     """Balls of samples, and how they are loaded; :class:`granphon.DirectSimulation` describes the fields."""
 
-    added: ClassVar[tuple[str, ...]] = ("friction_history", "geometry", *LOADING_OPTIONS)
-
     friction_history: bool = False
     friction_coefficient: float | None = None
-    geometry: str = GEOMETRIES[0]
+    geometry: str = LATTICE
     start: float | Load | str | None = None
     shear_response: str = SHEAR_RESPONSES[0]
     step_tolerance: float = REFINEMENT_TOLERANCE
     ordered: bool = False
+
+    options: ClassVar[Mapping[str, Option]] = {
+        **SampledBalls.options, "geometry": Option(geometry, _read_geometry), **HISTORY_OPTIONS,
+    }  # fmt: skip
 
     #: how samples are loaded with friction; None if they come to rest without
     loading: ClassVar[Loading | None]
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "friction_history", require("friction_history", truth, self.friction_history))
+        history = read_history_options({"friction_history": self.friction_history})
         options = {name: getattr(self, name) for name in LOADING_OPTIONS}
-        loading, read = read_loading(self.packing, self.friction_history, self.geometry, options)
-        for name, value in {**read, "loading": loading}.items():
+        loading, read = read_loading(self.packing, history["friction_history"], self.geometry, options)
+        for name, value in {**history, **read, "loading": loading}.items():
             object.__setattr__(self, name, value)
         self._require_start()
 
@@ -252,6 +258,11 @@ class LoadedBalls(SampledBalls):
             raise refused from None
 
     @property
+    def is_exact(self) -> bool:
+        """Whether contacts have the geometry of the displaced balls, and so finite overlap."""
+        return self.geometry == EXACT
+
+    @property
     def ratio(self) -> float:
         """W/d in the true geometry of contacts; zero where they keep the directions of the lattice."""
         return find_ratio(self.packing, self.geometry)
@@ -262,7 +273,7 @@ class LoadedBalls(SampledBalls):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return (*super()._key, *(getattr(self, name) for name in self.added))
+        return (*super()._key, self.geometry, *(getattr(self, name) for name in HISTORY_OPTIONS))
 
 
 # -- the path ---------------------------------------------------------------------------------------------------------

@@ -9,10 +9,9 @@ carry the same force even if balls differ.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar, Literal
+from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +19,26 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.material import LEAST_YOUNG_MODULUS
-from granphon.balls.packing import Packing
+from granphon.balls.packing import Packing, given_packing
 from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import choice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.medium import Loaded, explain_untouched
-from granphon.media.state import ContactState, Law, overlap_flag
+from granphon.media.medium import Loaded, Option, explain_untouched
+from granphon.media.state import ContactState, Law, read_finite_overlap
 
-__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
+__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium", "LawMedium"]
 
 Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
+#: where the effective medium has its local field from; the first is the default
+_LOCAL_FIELDS = ("computed", "paper")
 
 
 @dataclass(frozen=True)
-class _ByLaw(Loaded[ContactState]):
+class LawMedium(Loaded[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
@@ -45,9 +47,6 @@ class _ByLaw(Loaded[ContactState]):
     pressure and density are those of a boundary that shrinks with the balls.
     """
 
-    name: ClassVar[str]
-    #: the options of the medium by name, each with the words that it takes, the default first
-    options: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     packing: Packing
 
     @cached_property
@@ -61,12 +60,11 @@ class _ByLaw(Loaded[ContactState]):
         """Contact law of the medium for balls that differ."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+        given_packing(self.packing)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        load, (follows, said) = load.applied, overlap_flag(finite_overlap)
+        load, follows = load.applied, read_finite_overlap(finite_overlap)
         find = {"force": self._solve_at_force, "pressure": self._solve_at_pressure, "overlap": self._solve_at_overlap}[
             load.kind
         ]
@@ -76,7 +74,7 @@ class _ByLaw(Loaded[ContactState]):
         self._require_range(load, force, overlap, stiffness)
         return ContactState(
             packing=self.packing, medium=self.name, law=self.law, force=force[()], overlap=overlap[()],
-            normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=said,
+            normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=finite_overlap is not None,
         )  # fmt: skip
 
     def _solve_at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
@@ -140,7 +138,7 @@ class _ByLaw(Loaded[ContactState]):
 
 
 @dataclass(frozen=True)
-class AveragedLattice(_ByLaw):
+class AveragedLattice(LawMedium):
     """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
 
     It is exact for equal balls, and on a line.
@@ -158,7 +156,7 @@ class AveragedLattice(_ByLaw):
 
 
 @dataclass(frozen=True)
-class AveragedForce(_ByLaw):
+class AveragedForce(LawMedium):
     """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25).
 
     On a line balls cannot stay at the sites, because all contacts carry the same force: there it is Hertz's law.
@@ -177,7 +175,7 @@ class AveragedForce(_ByLaw):
 
 
 @dataclass(frozen=True, init=False)
-class EffectiveMedium(_ByLaw):
+class EffectiveMedium(LawMedium):
     """The effective medium: balls that differ displace their neighbours, in the average lattice of all (equations 28-46).
 
     Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three dimensions. It is valid from
@@ -204,11 +202,11 @@ class EffectiveMedium(_ByLaw):
     """
 
     name = "ema"
-    options = {"local_field": ("computed", "paper")}
+    options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if not isinstance(local_field, str) or local_field not in self.options["local_field"]:
+        if not isinstance(local_field, str) or local_field not in _LOCAL_FIELDS:
             raise InputError(message(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'"))
         if local_field == "paper" and isinstance(packing, Packing) and packing.structure != TRIANGULAR:
             raise InputError(

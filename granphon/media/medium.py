@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Generic, Protocol, TypeVar, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
 
 from numpy.typing import ArrayLike
 
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
+from granphon.base.validation import Rule
 from granphon.media.state import ContactState
 
-__all__ = ["Loaded", "Medium", "explain_untouched"]
+__all__ = ["Loaded", "Medium", "Option", "explain_untouched"]
 
 
 @runtime_checkable
@@ -45,12 +48,25 @@ class Medium(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Option:
+    """An option of a medium: its default, and the rule that reads its value."""
+
+    default: Any
+    rule: Rule
+
+
 #: type of the states that a medium returns
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 
 
 class Loaded(ABC, Generic[StateT]):
     """Base class of the media: the three ways to give a load, each of which calls :meth:`at`."""
+
+    # the word for the medium in scenes and sweeps
+    name: ClassVar[str]
+    # what a scene or a sweep may set of the medium besides the packing, by name
+    options: ClassVar[Mapping[str, Option]] = {}
 
     @abstractmethod
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,19 +15,23 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import Lattice
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.balls.packing import Packing
+from granphon.balls.packing import Packing, given_packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
+from granphon.base.validation import lengths, whole
 from granphon.dynamics.modes import ContactLattice
+from granphon.media.medium import Option
 
-__all__ = ["MOST_SEED", "SampledBalls", "require_standing"]
+__all__ = ["DEFAULT_SHAPES", "SampledBalls", "read_cells", "require_standing"]
 
 Array = NDArray[np.float64]
 #: the largest seed of a sample
-MOST_SEED = 2**64 - 1
+_MOST_SEED = 2**64 - 1
 #: default numbers of cells of a sample, with one, two and three periods
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
+#: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
+read_cells = partial(lengths, low=1, high=20_000)
 #: greatest number of balls along a side of a sample, far beyond what fits into memory
 _MOST_SIDE = 2**31
 #: greatest number of cells of a sample, far beyond what fits into memory
@@ -57,19 +62,25 @@ class SampledBalls:
     executor: Executor | None = field(default=None, compare=False, repr=False)
     workers: int = field(default=1, compare=False, repr=False)
 
+    #: what a scene may set; it cannot give diameters, and says elsewhere where it runs
+    options: ClassVar[Mapping[str, Option]] = {
+        "shape": Option(shape, read_cells),
+        "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
+        "samples": Option(samples, partial(whole, low=1, high=10_000)),
+    }
+
     def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+        given_packing(self.packing)
         self._require_standing()
         shape = _read_shape(self.shape, self.packing.structure.periods)
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
-            self._take(self.diameters)
+            self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
             raise InputError(message(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"))
         object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples))
         whole_number("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
             raise InputError(message("diameters are given, which make one sample", mend="Leave samples out"))
@@ -92,7 +103,7 @@ class SampledBalls:
         """Everything that determines the results, except the values of given diameters."""
         return self.packing, self.shape, self.seed, self.samples, self.diameters is None
 
-    def _take(self, diameters: ArrayLike) -> None:
+    def _take_diameters(self, diameters: ArrayLike) -> None:
         """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
         array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
         lengths, n = packing.structure.periods, packing.structure.n_balls
@@ -162,7 +173,7 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
     :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
     """
     structure = packing.structure
-    own = next(iter(allowed_motions(structure.periods).values()))
+    own = _find_own_motions(structure)
     if structure.dimension > structure.periods or packing.motions not in (None, own.name):
         what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
         if structure.dimension > structure.periods:
@@ -183,6 +194,11 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
         raise MechanismError(message(what, why, _mend_standing(packing, own, history)))
 
 
+def _find_own_motions(structure: Lattice) -> Motions:
+    """Return the motions of simulated balls: those along the periods of their lattice."""
+    return next(iter(allowed_motions(structure.periods).values()))
+
+
 def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
     """Return what simulates a lattice that does not stand without friction, in words."""
     otherwise = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
@@ -199,7 +215,7 @@ def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
 @lru_cache(maxsize=64)
 def _stands(structure: Lattice) -> bool:
     """Whether every wave of the lattice without friction costs energy, but for translations of the whole."""
-    still = ContactLattice.of(structure, 0.0, motions=next(iter(allowed_motions(structure.periods).values())))
+    still = ContactLattice.of(structure, 0.0, motions=_find_own_motions(structure))
     ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
     fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
     return bool(np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT))

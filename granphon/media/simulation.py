@@ -32,7 +32,7 @@ from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.loading import LoadedBalls, Loading, press_all, require_above
 from granphon.media.medium import Loaded
 from granphon.media.sample_means import SampleMeans
-from granphon.media.state import overlap_flag
+from granphon.media.state import read_finite_overlap
 
 __all__ = ["DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
 
@@ -154,12 +154,11 @@ class SimulatedState(SampleMeans):
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
-            samples=tuple(samples), spaced=spaced, finite_overlap=simulation.geometry == "exact",
+            samples=tuple(samples), spaced=spaced, finite_overlap=simulation.is_exact,
         )  # fmt: skip
 
     def __post_init__(self) -> None:
-        exact = isinstance(self.law, SampleLaw) and self.law.simulation.geometry == "exact"
-        if self.finite_overlap and not exact:
+        if self.finite_overlap and not (isinstance(self.law, SampleLaw) and self.law.simulation.is_exact):
             raise no_finite_overlap(self.medium)
         super().__post_init__()
 
@@ -339,16 +338,15 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        load, (wanted, said) = load.applied, overlap_flag(finite_overlap)
-        exact = self.geometry == "exact"
-        if wanted and not exact:
+        load, wanted, overlap_given = load.applied, read_finite_overlap(finite_overlap), finite_overlap is not None
+        if wanted and not self.is_exact:
             raise no_finite_overlap(self.name)
-        if said and exact and not wanted:
+        if overlap_given and self.is_exact and not wanted:
             why = "Balls that have their true geometry overlap as much as they do"
             raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
         prescribed = self.prescribed(load)
         if self.loading is not None:
-            return self._press(self.loading, load, prescribed, said)
+            return self._press(self.loading, load, prescribed, overlap_given)
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
@@ -357,11 +355,11 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
             jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         samples = [
-            Sample(self.packing, self.seed_of(index), column[place])
+            Sample(self.packing, self.seed_of(index), equilibria[place])
             for place in range(load.size)
-            for index, column in enumerate(found)
+            for index, equilibria in enumerate(found)
         ]
-        return SimulatedState.of(self, samples, load, overlap_given=said)
+        return SimulatedState.of(self, samples, load, overlap_given)
 
     def path(
         self, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None, overlap: ArrayLike | None = None,
@@ -380,16 +378,17 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         load = Load.only(force=force, pressure=pressure, overlap=overlap)
         simulation = replace(self, ordered=True)
         loading, prescribed = replace(self.loading, ordered=True), simulation.prescribed(load)
-        return simulation._press(loading, load, prescribed, False, progress)
+        return simulation._press(loading, load, prescribed, overlap_given=False, progress=progress)
 
     def _press(
-        self, loading: Loading, load: Load, prescribed: Sequence[Prescribed], said: bool, progress: Progress = silent
-    ) -> SimulatedState:
+        self, loading: Loading, load: Load, prescribed: Sequence[Prescribed], overlap_given: bool,
+        progress: Progress = silent,
+    ) -> SimulatedState:  # fmt: skip
         samples, reached, error = press_all(self, loading, prescribed, progress)
         if error is None:
-            return SimulatedState.of(self, samples, load, overlap_given=said)
+            return SimulatedState.of(self, samples, load, overlap_given)
         if reached:
-            error.reached = SimulatedState.of(self, samples, load.flat[reached], overlap_given=said)
+            error.reached = SimulatedState.of(self, samples, load.flat[reached], overlap_given)
         raise error
 
     def prescribed(self, load: Load) -> list[Prescribed]:

@@ -9,9 +9,11 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.cost import estimate
+from granphon.media.mean_field import EffectiveMedium
+from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation
 
-__all__ = ["MOMENT", "SIDES", "even_shape", "simulating_time", "solving_time"]
+__all__ = ["MOMENT", "SIDES", "even_shape", "rough_time", "solving_time"]
 
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
 SIDES = {
@@ -41,9 +43,16 @@ def solving_time(packing: Packing) -> float:
     return max(_DENSITY_TIME, listed) if shape else 0.0
 
 
-def simulating_time(simulation: DirectSimulation, load: Load) -> float:
-    """Return the rough time of a simulation at a load, s."""
-    return _SIMULATION_TIME + _BALL_TIME * estimate(simulation, load).work
+def rough_time(medium: Medium, load: Load) -> float:
+    """Return the rough time of a medium at all values of an applied load, s; zero for those that only evaluate a law.
+
+    That of a simulation is the time at one of the loads: at the least, whose equilibrium takes longest; with a history of
+    friction at the greatest, on the way to which it passes the others.
+    """
+    if isinstance(medium, DirectSimulation):
+        decisive = np.argmax if medium.friction_history else np.argmin
+        return _SIMULATION_TIME + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
+    return solving_time(medium.packing) if isinstance(medium, EffectiveMedium) else 0.0
 
 
 def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:

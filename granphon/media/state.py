@@ -35,7 +35,7 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
-__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "overlap_flag", "with_keyword"]
+__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "read_finite_overlap", "with_keyword"]
 
 Array = NDArray[np.float64]
 #: a number for a state at a single load, an array for a state at several loads
@@ -400,13 +400,12 @@ class ContactState(Result):
         return np.full(self.shape, value) if self.shape else value
 
 
-def overlap_flag(given: bool | None) -> tuple[bool, bool]:
-    """Return whether terms of finite overlap are kept, and whether that was given explicitly (None if not).
+def read_finite_overlap(given: bool | None) -> bool:
+    """Return whether terms of finite overlap are kept, which they are not if nothing (None) is given.
 
     Raises :class:`InputError` if ``given`` is not True, False or None.
     """
-    said = given is not None
-    return said and require("finite_overlap", truth, given), said
+    return given is not None and bool(require("finite_overlap", truth, given))
 
 
 def given_state(state: ContactState) -> ContactState:
@@ -425,7 +424,7 @@ def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactSta
     given_state(state)
     if finite_overlap is None:
         return state
-    wanted, _ = overlap_flag(finite_overlap)
+    wanted = read_finite_overlap(finite_overlap)
     warnings.warn(
         "functions that take a state no longer need the keyword finite_overlap, which goes away in granphon 0.3.0;"
         " give it where the state is made, as in medium.at_force(f, finite_overlap=True)",

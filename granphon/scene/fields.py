@@ -37,7 +37,7 @@ from granphon.base.validation import (
     whole,
     zero_or_above,
 )
-from granphon.media.choice import MEDIA, MediumChoice, medium
+from granphon.media.choice import MEDIA, MediumChoice, read_medium
 
 __all__ = ["OBSERVABLES", "SCALES", "SCENE_SCHEMA", "read_values", "space_evenly"]
 
@@ -210,7 +210,7 @@ def read_media(value: Any, lattice: Lattice, written: bool = False) -> tuple[Med
 
     What is ``written`` in a file has units.
     """
-    rule = partial(medium, lattice=lattice, written=written)
+    rule = partial(read_medium, lattice=lattice, written=written)
     if not isinstance(value, list | tuple):
         return (rule(value),)
     found: tuple[MediumChoice, ...] = each(value, rule, "media")

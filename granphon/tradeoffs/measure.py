@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.balls.packing import Packing, given_packing
+from granphon.base.errors import GranphonError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.tables import table_text
@@ -237,8 +237,7 @@ def tradeoff(
         unknown word in ``observe``.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
-    if not isinstance(packing, Packing):
-        raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
+    given_packing(packing)
     for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
         require(name, partial(whole, low=low, high=1000), value)
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)

@@ -1,0 +1,111 @@
+"""The ladder of media from which an automatic medium takes the cheapest that is accurate enough.
+
+Its rungs are the media of the table of :mod:`granphon.media.accuracy`, the simulation with samples of many sizes. They are
+sorted by rough times (:mod:`granphon.media.sizes_and_times`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
+from granphon.base.errors import InputError, message
+from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy
+from granphon.media.equilibria import reduce_load
+from granphon.media.mean_field import AveragedLattice
+from granphon.media.simulation import DirectSimulation
+from granphon.media.sizes_and_times import SIDES, even_shape, rough_time
+
+if TYPE_CHECKING:  # a choice may be that of an automatic medium, which is made of this ladder
+    from granphon.media.choice import MediumChoice
+
+__all__ = ["expected_error", "list_rungs", "require_known", "require_within", "sort_by_time"]
+
+Array = NDArray[np.float64]
+#: the options of a simulation that change which samples of a truth it takes, and how many
+_SAMPLE_OPTIONS = frozenset({"shape", "seed", "samples"})
+
+
+def list_rungs(packing: Packing, against: Truth = REST) -> list[tuple[str, dict[str, Any]]]:
+    """Return the name and the options of each medium of the ladder; the last is the largest simulation of the truth."""
+    if not packing.spread_matters:
+        return [(AveragedLattice.name, {})]  # exact for equal balls, and on a line
+    laws: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in accuracy().media() if name != DirectSimulation.name]
+    structure = packing.structure
+    shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
+    # samples at rest without friction cost less than those of a truth with it, and may differ from these by little
+    truths = dict.fromkeys((REST, against))
+    return laws + [(DirectSimulation.name, {"shape": shape, **truth.options}) for truth in truths for shape in shapes]
+
+
+def sort_by_time(choices: Iterable[MediumChoice], packing: Packing, load: Load) -> list[MediumChoice]:
+    """Return the choices, sorted by the rough time of their media at an applied load."""
+    return sorted(choices, key=lambda choice: rough_time(choice.of(packing), load))
+
+
+def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: Truth = REST) -> Array:
+    """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
+
+    It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
+    every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays that
+    were loaded with friction is what these differ by, and the chance in its samples.
+    """
+    if not packing.spread_matters:
+        return np.zeros(load.shape)
+    known, own = accuracy(), choice.truth
+    loaded_otherwise = own.is_loaded and not _takes_samples_of(choice, against)
+    if choice.name not in known.media() or choice.settings.get("local_field") == "paper" or loaded_otherwise:
+        return np.full(load.shape, np.inf)
+    medium = choice.of(packing)
+    if not isinstance(medium, DirectSimulation):
+        return known.error(choice.name, packing, load, truth=against)
+    chance = known.error(choice.name, packing, load, medium.balls * medium.samples, own)
+    return chance if own == against else known.error(FRICTIONLESS, packing, load, truth=against) + chance
+
+
+def _takes_samples_of(choice: MediumChoice, against: Truth) -> bool:
+    """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
+    given = {option for option, _ in choice.options}
+    return choice.truth == against and given <= {*_SAMPLE_OPTIONS, *against.options}
+
+
+def require_known(packing: Packing, against: Truth) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a packing or a truth for which no errors are known."""
+    if (why := accuracy().explain_uncovered(packing, against)) is not None:
+        raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
+
+
+def require_within(tolerance: float, errors: Array, packing: Packing, load: Load, against: Truth) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if at one of the loads no medium is within a tolerance.
+
+    ``errors`` (n_media, n_loads) are those of all media. The error says what can be had at the worst of the loads, whose
+    index is its ``load_index``.
+    """
+    least = np.min(errors, axis=0)
+    if np.all(least <= tolerance):
+        return
+    worst = int(np.argmax(least))
+    error = InputError(_explain_unmet(tolerance, float(least[worst]), packing, load[worst], against))
+    error.load_index = worst
+    raise error
+
+
+def _explain_unmet(tolerance: float, least: float, packing: Packing, load: Load, against: Truth) -> str:
+    """Return the message for one load at which the least error of all media is above the tolerance, or not known (+inf)."""
+    structure = packing.structure
+    where = load.describe(structure.periods) + f" against {against}" * against.is_loaded
+    if np.isfinite(least):
+        what = f"no medium has an expected error of {tolerance:g} or less at {where}"
+        balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
+        why = f"The smallest expected error there is {least:.2g}, of a simulation of {balls:,} balls"
+        return message(what, why, "Raise the tolerance, or simulate more samples by hand")
+    name = "a*" if load.kind == "overlap" else "f*"
+    at, lowest = float(reduce_load(packing, load)), accuracy().least(packing, load.kind, against)
+    what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
+    return message(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")
