@@ -43,6 +43,8 @@ def site(tmp_path_factory) -> Path:
     (folder / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
     for file in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE"):
         shutil.copy(ROOT / file, folder)
+    for git in (["init", "-q"], ["remote", "add", "origin", str(folder / "bare.git")]):
+        subprocess.run(["git", *git], cwd=folder, check=True)
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-D", "plot_gallery=0", "docs", "site"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -57,6 +59,11 @@ def signatures(page: str) -> Iterator[tuple[str, str]]:
             r'<span class="default_value">.*?</span></span>|<span class="sig-(?:pre)?name.*?</span></span>', "", text
         )
         yield entry, html.unescape(re.sub(r"<[^>]+>", "", text))
+
+
+def test_the_first_page_links_to_the_repository_that_it_was_built_from(site):
+    address = (site.parent / "bare.git").as_uri()
+    assert (site / "index.html").read_text(encoding="utf-8").count(f'<a class="reference external" href="{address}">') == 2
 
 
 def test_types_of_the_interface_are_links(site):
