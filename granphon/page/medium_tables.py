@@ -45,6 +45,8 @@ _EQUAL = 3000.0
 _FRICTION_NODES = {2: 8, 3: 5}
 #: least eta of a table on a lattice that does not stand without friction
 _LEAST_FRICTION = 0.05
+#: least relative change of k that is told by its size
+_NOTED = 1e-4
 #: loads of a simulation
 _SIMULATED = 17
 #: names of the media on a page
@@ -105,7 +107,8 @@ def tabulate_medium(
     checks = [(root, _follow(law)) for root in between if (law := _make_law(packing, choice, root**2)) is not None]
     if name == "ema":
         change = _find_effect_of_rolling(packing, choice, most_rolling, low)
-        note += f" In the medium they would change the stiffness by up to {change:.2g} of itself." if change else ""
+        told = f"up to {100.0 * change:.2g} %" if change >= _NOTED else f"less than {100.0 * _NOTED:g} %"
+        note += f" In the medium they would change the stiffness by {told}." if change else ""
     valid = {"afa": high_pressure_overlap(1.0) ** 1.5, "ema": VALID_FORCE, "cluster": VALID_CLUSTER_FORCE}[name]
     return found | _tabulate(curves, roots, low, 1.5 * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
 
