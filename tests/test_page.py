@@ -380,6 +380,19 @@ def test_a_sweep_makes_one_page_that_says_where_it_begins(work, capsys):
     assert "has many states" in one_error(capsys)
 
 
+def test_an_automatic_medium_is_the_one_of_the_first_load_and_the_page_says_which():
+    packing, load = replace(BALLS, spread=gp.Uniform(2e-6)), Load("force", [4.0, 100.0, 200.0])
+    auto = MediumChoice("auto", (("tolerance", 0.02),))
+    served = [rung.medium.name for n in range(3) for rung in auto.rungs(packing, load) if n in rung.loads]
+    assert served[0] != served[2] == "ala"
+    data = describe_page(packing, [auto], load, remarks=["One."])
+    assert [one["name"] for one in data["media"]] == served[:1]
+    takes = f"takes the {data['media'][0]['words']} ({served[0]}); the page keeps it at all loads."
+    assert data["remarks"] == ["One.", f"At the first load the medium auto(tolerance=0.02) {takes}"]
+    data = describe_page(packing, [auto], Load("force", [200.0, 4.0]))
+    assert [one["name"] for one in data["media"]] == ["ala"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

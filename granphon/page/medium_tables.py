@@ -30,7 +30,7 @@ from granphon.media.choice import MediumChoice
 from granphon.media.cluster import ClusterMedium
 from granphon.media.state import Law
 
-__all__ = ["tabulate_medium"]
+__all__ = ["WORDS", "tabulate_medium"]
 
 Array = NDArray[np.float64]
 #: nodes of ln f* to begin with, and the most that there may be
@@ -50,7 +50,7 @@ _NOTED = 1e-4
 #: loads of a simulation
 _SIMULATED = 17
 #: names of the media on a page
-_WORDS = {
+WORDS = {
     "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
     "simulation": "simulation",
 }  # fmt: skip
@@ -80,7 +80,7 @@ def tabulate_medium(
     """
     name = choice.name
     found: dict[str, Any] = {
-        "name": choice.label, "words": _WORDS[name], "table": None, "error": 0.0, "friction_error": 0.0,
+        "name": choice.label, "words": WORDS[name], "table": None, "error": 0.0, "friction_error": 0.0,
         "valid": 0.0, "note": "", "refusal": "",
     }  # fmt: skip
     if packing.structure.periods == 1:
