@@ -19,7 +19,7 @@ from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import high_pressure_overlap
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import change_width
-from granphon.base.errors import MechanismError, PrecisionError
+from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits
 from granphon.dynamics.local_field import local_field, paper_local_field
 from granphon.laws.cluster import VALID_FORCE as VALID_CLUSTER_FORCE
@@ -262,6 +262,17 @@ def _interpolate(nodes: Array, at: float) -> Array:
     return np.array([np.prod((at - np.delete(nodes, k)) / (nodes[k] - np.delete(nodes, k))) for k in range(len(nodes))])
 
 
+def _find_first_load(medium: Any, low: float, units: WidthUnits) -> float:
+    """Return the least ln f* from ``low`` on, in steps of a quarter, to which samples can be loaded: the start of a history."""
+    for x in np.arange(low, 5.0, 0.25) if medium.friction_history else ():
+        try:
+            medium.at_force(np.exp(x) * units.force)
+        except InputError:  # below the start
+            continue
+        return float(x)
+    return low
+
+
 def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Curve, float, float, float]:
     """Return the curve of a simulation, a spline through some loads, the ends of ln f*, and the error of half as many."""
     from scipy.interpolate import CubicSpline
@@ -271,8 +282,9 @@ def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Cu
     width = min(spread.width, 1e-3 * packing.diameter)
     balls = replace(packing, spread=change_width(spread, width))
     units = WidthUnits(packing.law.coefficient, width)
-    x = np.linspace(np.log(max(least, 1e-2)), 1.5 * np.log(30.0), _SIMULATED)
-    state: Any = choice.of(balls).at_force(np.exp(x) * units.force)
+    medium: Any = choice.of(balls)
+    x = np.linspace(_find_first_load(medium, np.log(max(least, 1e-2)), units), 1.5 * np.log(30.0), _SIMULATED)
+    state = medium.at_force(np.exp(x) * units.force)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)
     stiffness, lengths = CubicSpline(x, log_stiffness), CubicSpline(x, overlap)
