@@ -263,7 +263,7 @@ def _interpolate(nodes: Array, at: float) -> Array:
 
 
 def _find_first_load(medium: Any, low: float, units: WidthUnits) -> float:
-    """Return the least ln f* from ``low`` on, in steps of a quarter, that samples can be loaded to: not below their start."""
+    """Return the least ln f* from ``low`` on, in steps of a quarter, to which samples can be loaded: the start, or above."""
     for x in np.arange(low, 5.0, 0.25) if medium.friction_history else ():
         try:
             medium.at_force(np.exp(x) * units.force)
