@@ -5,11 +5,12 @@ from importlib.metadata import metadata as _metadata
 from importlib.metadata import version as _version
 from pathlib import Path as _Path
 
-sys.path.insert(0, str(_Path(__file__).parent))  # for _gallery and _docstrings
+sys.path.insert(0, str(_Path(__file__).parent))  # for the modules of this folder
 
 import _docstrings
 import _gallery
 import _links
+import _repository
 
 project = "granphon"
 author = "The granphon developers"
@@ -27,14 +28,8 @@ myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option
 html_theme = "furo"
 html_title = "granphon"
-# the address of the repository, once pyproject.toml has it as the URL "Repository"
-_urls = dict(url.split(", ", 1) for url in _metadata("granphon").get_all("Project-URL") or ())
-if "Repository" in _urls:
-    html_theme_options = {
-        "source_repository": _urls["Repository"],
-        "source_branch": "main",
-        "source_directory": "docs/",
-    }
+_address = _repository.address(_metadata("granphon").get_all("Project-URL") or (), _Path(__file__).parent.parent)
+html_theme_options = _repository.theme_options(_address)
 html_static_path = ["_static"]
 html_css_files = ["granphon.css"]
 autodoc_typehints = "signature"
@@ -63,6 +58,11 @@ sphinx_gallery_conf = {
 }
 
 
+def _link_repository(app, page, source):
+    if page == "index":
+        source[0] = _repository.linked(source[0], _address)
+
+
 def setup(app):
     """Read docstrings and types as they are written here, and take the thumbnails once the gallery is made."""
     app.connect("builder-inited", _gallery.take_panels, priority=900)
@@ -71,4 +71,5 @@ def setup(app):
     app.connect("autodoc-process-signature", _docstrings.sign)
     app.connect("autodoc-skip-member", _docstrings.skip)
     app.connect("source-read", _links.read)
+    app.connect("source-read", _link_repository)
     app.connect("doctree-resolved", _links.link_terms)

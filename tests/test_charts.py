@@ -72,7 +72,7 @@ def test_lines_are_the_variable_in_order_of_the_load(media, ax):
         assert_array_equal(line[:, 0], FORCE)
         assert_array_equal(line[:, 1], media["normal_stiffness"].sel(medium=name).values[::-1])
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Normal stiffness (N/m)")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Normal stiffness (MN/m)")
     assert texts(ax.get_legend()) == ["averaged lattice", "averaged force", "effective medium", "outside its range"]
 
 
@@ -191,6 +191,35 @@ def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_tic
     assert_allclose([float(label) for label in labels], ticks, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("values", "unit", "label", "size"),
+    [
+        ([2e8, 3e9], "Pa", "y (GPa)", 1e9), ([1e3, 3e9], "Pa", "y (GPa)", 1e9), ([-1e-6, 2e-6], "m", "y (µm)", 1e-6),
+        ([1e-5, 2e-4], "N", "y (µN)", 1e-6), ([0.2, 20.0], "N", "y (N)", 1.0), ([2.0, 9e4], "N/m", "y (N/m)", 1.0),
+        ([2.0, 9e7], "Hz", "y (Hz)", 1.0), ([0.0, 0.0], "m", "y (m)", 1.0), ([1e6, 2e6], "", "y", 1.0),
+    ],
+)  # fmt: skip
+def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, unit, label, size):
+    ax.plot([1.0, 2.0], values)
+    scales.scale_axis(ax, "y", np.array(values))
+    scales.name_axis(ax, "y", np.array(values), "y", unit)
+    assert ax.get_ylabel() == label
+    assert_array_equal(ax.lines[0].get_ydata(), values)
+    ax.figure.canvas.draw()
+    written = [text.get_text().replace("\N{MINUS SIGN}", "-") for text in ax.get_yticklabels()]
+    powers = [re.fullmatch(r"\$\\mathdefault\{10\^\{([-\d]+)\}\}\$", one) for one in written]
+    found = [10.0 ** int(power[1]) if power else float(one) for power, one in zip(powers, written, strict=True)]
+    if size != 1.0:
+        assert_allclose(np.array(found) * size, ax.get_yticks(), rtol=1e-9, atol=1e-15)
+        assert max(map(len, written)) < 6 or all(powers)
+
+
+@pytest.mark.parametrize("values", [[1.0, 1e300], [1e-300, 1.0]])
+def test_an_axis_that_would_reach_beyond_floating_point_is_refused(ax, values):
+    with pytest.raises(InputError, match=r"the x axis cannot reach from .* to .* Look at the units"):
+        scales.scale_axis(ax, "x", np.array(values))
+
+
 def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
     force = 4.0 * np.exp(STEP * np.array([-1.0, 0.0, 1.0]))
     data = sweep(PACKING, force=force, media=("ema", {"simulation": {"shape": (16, 16), "samples": 2}}))
@@ -233,6 +262,7 @@ def test_the_figure_has_velocities_above_and_exponents_below(media):
     assert lower.get_yscale() == "linear"
     assert upper.get_xlim() == lower.get_xlim()
     assert {text.get_text() for text in lower.texts} == {"1/6", "1/4"}
+    assert all(text.xy[0] == 1.0 for text in lower.texts)  # beside the panel, where no point lies
     assert {text.get_text() for text in upper.texts} == {"$v_L$", "$v_T$"}
     assert len(texts(figure.legends[0])) == 4
     assert figure.get_size_inches()[0] == 3.4
@@ -250,7 +280,7 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
 
 @pytest.mark.parametrize(
     ("load", "label"),
-    [({"force": [2.0, 9.0]}, "(N)"), ({"pressure": [1e5, 1e6]}, "(Pa)"), ({"overlap": [2e-6, 4e-6]}, "(m)")],
+    [({"force": [2.0, 9.0]}, "(N)"), ({"pressure": [1e5, 1e6]}, "(MPa)"), ({"overlap": [2e-6, 4e-6]}, "(µm)")],
 )
 def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
     data = sweep(gp.Packing(STEEL, 8e-3, lattice="fcc"), **load)

@@ -797,6 +797,28 @@ def test_interruption_is_clean(work, capsys, monkeypatch, moment):
     assert tree(work) == {"scene.yaml"}
 
 
+def test_help_says_each_command_in_one_whole_line_and_no_types(capsys):
+    main(["--help"])
+    text = capsys.readouterr().out
+    assert "..." not in text.partition("Scenes:")[2]
+    for verb in re.findall(r"^  (\w+)  ", text.partition("Scenes:")[2].partition("Exit codes:")[0], re.MULTILINE):
+        main([verb, "--help"])
+        assert not re.search(r"<\w", capsys.readouterr().out), verb
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "equal to 0. See 'granphon mode --help'."),
+        (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
+        (["nonsense"], "No such command 'nonsense'. See 'granphon --help'."),
+    ],
+)
+def test_a_wrong_command_line_is_a_sentence_that_names_the_help_of_its_command(capsys, arguments, said):
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.endswith(f"{said}\n")
+
+
 def test_help_loads_no_library_of_the_computation():
     code = (
         "import sys\nfrom granphon.cli.commands import main\nmain(['run', '--help'])\n"

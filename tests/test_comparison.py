@@ -88,6 +88,16 @@ def test_curves_of_several_sweeps_are_their_numbers(steel, glass, ax):
     assert ax.get_title().replace("\u00a0", " ") == "triangular lattice, d = 8 mm, W = 2.04 µm, with friction"
 
 
+def test_a_run_of_one_curve_stands_below_the_heading_that_it_shares(steel, glass, ax):
+    again = gp.sweep(balls(), force=FORCE, media="ala")
+    plot_together([again, steel, glass], ax)
+    assert texts(ax)[-4:] == [
+        "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:", "averaged lattice", "effective medium",
+        "simulation, 2 samples of 8 x 8 balls",
+    ]  # fmt: skip
+    assert "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium" in texts(ax)[:-4]
+
+
 def test_any_quantity_has_its_standard_errors(steel, ax):
     plot_together([steel], ax, y="bulk", x="pressure")
     (bars,) = ax.containers
@@ -186,6 +196,15 @@ def test_data_that_no_axis_holds(steel, fcc, ax):
     assert not ax.lines
 
 
+def test_pressures_of_other_balls_are_asked_for_as_forces(tmp_path, steel, ax):
+    (tmp_path / "mine.csv").write_text("pressure (N/m),velocity (m/s)\n400,500\n", encoding="utf-8")
+    small = gp.sweep(gp.Packing(STEEL, 1e-3, SPREAD), force=FORCE, media="ala")
+    with pytest.raises(
+        InputError, match=r"not the same multiple of the contact force .* Give the contact forces in the file"
+    ):
+        plot_together([steel, small], ax, data=tmp_path / "mine.csv")
+
+
 # -- what cannot share an axis ----------------------------------------------------------------------------------------
 
 
@@ -219,6 +238,13 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
 
 
 # -- bands, and densities of states -----------------------------------------------------------------------------------
+
+
+def test_bands_of_which_nothing_is_known_leave_the_names_of_all(tmp_path, ax):
+    result = run_scene(tmp_path, "bands", "force: 3 N", "medium: ala\nobserve: [bands]\nphonopy: {band_points: 3}")
+    plot_together([result, result.bands], ax)
+    assert texts(ax) == ["result 1", "result 2"]
+    assert ax.get_title() == ""
 
 
 def test_bands_are_drawn_one_over_the_other(ax):

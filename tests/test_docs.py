@@ -22,6 +22,7 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tokenize
@@ -329,6 +330,70 @@ def test_the_first_page_says_what_it_is_shows_it_installs_it_and_leads_to_the_re
     files = re.findall(r"\{download\}`[^<]*<([^>]+)>`", page.read_text(encoding="utf-8"))
     assert {"../README.md", "../CONTRIBUTING.md", "../LICENSE"} <= set(files)
     assert all((DOCS / file).is_file() for file in files)
+
+
+@pytest.fixture
+def repository(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    return import_module("_repository")
+
+
+@pytest.mark.parametrize(
+    ("remote", "there"),
+    [
+        ("git@host.org:owner/name.git", "https://host.org/owner/name"),
+        ("host.org:/owner/name.git/", "https://host.org/owner/name"),
+        ("ssh://git@host.org:2222/owner/name.git", "https://host.org/owner/name"),
+        ("git://host.org/owner/name", "https://host.org/owner/name"),
+        ("https://host.org:8443/owner/name.git", "https://host.org:8443/owner/name"),
+        ("https://someone:secret@host.org/owner/name.git", "https://host.org/owner/name"),
+        ("http://host.org/name", "http://host.org/name"),
+        ("file:///somewhere/name.git", "file:///somewhere/name.git"),
+        ("/somewhere/my name.git", "file:///somewhere/my%20name.git"),
+        ("../name.git", "file:///top/name.git"),
+        ("./odd:name", "file:///top/clone/odd%3Aname"),
+        ("ext::sh -c something://", None),
+    ],
+)
+def test_a_remote_has_an_address_that_a_browser_opens(repository, remote, there):
+    assert repository.web_address(remote, Path("/top/clone")) == there
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="there is no git on this machine")
+def test_the_address_of_the_project_goes_before_that_of_the_clone(repository, tmp_path, monkeypatch):
+    for name in [name for name in os.environ if name.startswith("GIT_")]:
+        monkeypatch.delenv(name)  # a hook of git names the repository that it runs for
+
+    def address(*urls: str, root: Path = tmp_path) -> str | None:
+        return repository.address(urls, root)
+
+    assert address() is None  # no clone
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    assert address() is None  # of nothing
+    subprocess.run(["git", "remote", "add", "origin", "git@host.org:owner/name.git"], cwd=tmp_path, check=True)
+    assert address("Home, https://host.org") == "https://host.org/owner/name"
+    assert address("Home, https://host.org", "Repository, https://a.org/b") == "https://a.org/b"
+    (tmp_path / "inner").mkdir()
+    assert address(root=tmp_path / "inner") is None  # the pages of a project that lies in another's repository
+
+
+def test_without_git_there_is_no_address(repository, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert repository.address((), ROOT) is None
+
+
+def test_the_first_page_links_the_repository_outside_of_headings(repository):
+    text = (DOCS / "index.md").read_text(encoding="utf-8")
+    made = repository.linked(text, "https://host.org/a?b&c")
+    assert made.count('<a class="reference external" href="https://host.org/a?b&amp;c">') == 2
+    assert "\n## The repository\n" in made
+    assert ">The repository</a> holds the code" in made
+    assert repository.linked(text, None) == text
+
+
+def test_the_theme_links_sources_only_where_it_knows_their_addresses(repository):
+    assert repository.theme_options("https://github.com/owner/name")["source_repository"] == "https://github.com/owner/name"
+    assert repository.theme_options("https://host.org/owner/name") == repository.theme_options(None) == {}
 
 
 # -- the reference --------------------------------------------------------------------------------------------------

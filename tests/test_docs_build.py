@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -43,8 +44,11 @@ def site(tmp_path_factory) -> Path:
     (folder / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
     for file in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE"):
         shutil.copy(ROOT / file, folder)
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    for git in (["init", "-q"], ["remote", "add", "origin", str(folder / "bare.git")]) if shutil.which("git") else ():
+        subprocess.run(["git", *git], cwd=folder, check=True, env=plain)
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-D", "plot_gallery=0", "docs", "site"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=plain)
     assert done.returncode == 0, done.stderr
     return folder / "site"
 
@@ -57,6 +61,12 @@ def signatures(page: str) -> Iterator[tuple[str, str]]:
             r'<span class="default_value">.*?</span></span>|<span class="sig-(?:pre)?name.*?</span></span>', "", text
         )
         yield entry, html.unescape(re.sub(r"<[^>]+>", "", text))
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="there is no git on this machine")
+def test_the_first_page_links_to_the_repository_that_it_was_built_from(site):
+    address = (site.parent / "bare.git").as_uri()
+    assert (site / "index.html").read_text(encoding="utf-8").count(f'<a class="reference external" href="{address}">') == 2
 
 
 def test_types_of_the_interface_are_links(site):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -545,6 +546,42 @@ def test_mean_free_path_and_ioffe_regel():
     assert of_lines(peaks, 50.0 + 0 * peaks).ioffe_regel() is None
     with pytest.raises(InputError, match="already beyond"):
         of_lines(peaks, 5e3 + 0 * peaks).ioffe_regel(10.0)
+
+
+@pytest.mark.parametrize(("name", "shape"), [("chain", (12,)), ("triangular", (6, 5)), ("fcc", (4, 3, 5))])
+def test_wave_beyond_the_first_zone_is_the_wave_in_it(name, shape):
+    """Its length is that of the shortest wave vector with the same motions of all balls, found here among thousands."""
+    lattice, _ = ideal(name, shape)
+    state = gp.AveragedLattice(gp.Packing(STEEL, UNITS.length, lattice=name)).at_force(1.0)
+    waves, periods = gp.Waves(ContactNetwork.from_state(state, shape)), len(shape)
+    inside, across = np.array([2.0, 1.0, 1.0][:periods]) / shape, np.array([1.0, -2.0, 2.0][:periods])
+    q = q_of(lattice, [inside, inside + across])[:, :periods]
+    motion = np.arange(1.0, 1.0 + len(waves.operator.motions.translations))
+    found = waves.spectral_function(q, motion, moments=64)
+    np.testing.assert_allclose(found.values[1], found.values[0], atol=1e-12 * np.max(found.values))
+    numbers = np.stack(np.meshgrid(*[np.arange(-4, 5)] * periods), axis=-1).reshape(-1, periods)
+    reciprocal = q_of(lattice, numbers)[:, :periods]
+    shortest = np.min(np.linalg.norm(q[:, None] - reciprocal, axis=2), axis=1)
+    np.testing.assert_allclose(found.wavenumber, shortest, rtol=1e-12)
+    np.testing.assert_allclose(found.phase_velocity, 2.0 * np.pi * found.peak / shortest, rtol=1e-12)
+    assert np.linalg.norm(found.q[1]) > 1.5 * shortest[1]
+    assert SpectralFunction.from_dict(found.to_dict()) == found
+    still = waves.spectral_function(q_of(lattice, across)[:, :periods], motion, moments=64)
+    with pytest.raises(InputError, match="A reciprocal vector of the lattice is the same wave as q = 0"):
+        _ = still.phase_velocity
+
+
+def test_wave_in_a_network_of_no_lattice_has_the_length_of_its_wave_vector(disordered):
+    whole = gp.Waves(disordered)
+    plain = gp.Waves(dataclasses.replace(disordered, lattice=None, shape=None))
+    q = whole.nearest_wavevectors([[500.0, 700.0]])
+    found = plain.spectral_function(q, moments=64)
+    assert found.shortest is None
+    np.testing.assert_allclose(found.wavenumber, np.linalg.norm(q), rtol=1e-14)
+    assert whole.spectral_function(q, moments=64).wavenumber < found.wavenumber
+    older = {name: value for name, value in found.to_dict().items() if name not in ("shortest", "digest")}
+    older["units"] = {name: unit for name, unit in older["units"].items() if name != "shortest"}
+    assert SpectralFunction.from_dict(older) == found
 
 
 def test_disorder_broadens_lines(disordered):

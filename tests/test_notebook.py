@@ -262,6 +262,13 @@ def test_a_result_has_a_default_picture(results, name):
     assert "matplotlib.pyplot" not in vars(sys.modules["granphon.figures.plot"])
 
 
+def test_the_table_of_a_fit_has_the_width_and_its_error(results):
+    fit, _ = results["fit"]
+    found = read(fit._repr_html_())
+    assert found["width"] == (f"{fit.width:.6g}", "m")
+    assert found["stderr"] == (f"{fit.stderr:.6g}", "m")
+
+
 def test_every_default_picture_is_drawn_by_a_function_that_exists():
     for module, function, keyword in _PICTURES.values():
         draw = getattr(importlib.import_module(f"granphon.figures.{module}"), function)

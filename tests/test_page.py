@@ -20,7 +20,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.motions import allowed_motions
-from granphon.base.errors import GranphonError, InstabilityError, MechanismError
+from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError
 from granphon.cli.commands import main
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.choice import MediumChoice
@@ -204,6 +204,7 @@ def test_interpolated_contacts_are_as_good_as_the_page_says(name):
         assert found["exponent"] == pytest.approx(state.exponent, abs=1e-3)  # a slope of a law that has kinks
         assert found["reduced"] == pytest.approx(state.reduced_force)
     assert data["media"][0]["error"] < 1.2e-6
+    assert ("they would change the stiffness by less than 0.01 %." in data["media"][0]["note"]) == (name == "ema")
 
 
 @needs_node
@@ -228,7 +229,7 @@ def test_friction_between_the_nodes_of_the_effective_medium():
 def test_the_page_says_what_bending_would_do_to_the_medium():
     packing = replace(BALLS, spread=gp.Uniform(2e-6), lattice="kagome")
     data = describe_page(packing, [MediumChoice("ema")], FORCE)
-    told = re.search(r"would change the stiffness by up to (\S+) of itself", data["media"][0]["note"])
+    told = re.search(r"would change the stiffness by up to (\S+) %", data["media"][0]["note"])
     assert told
     forces = np.geomspace(*data["limits"]["force"], 12)
     stiffness = gp.EffectiveMedium(packing).at_force(forces).normal_stiffness
@@ -236,7 +237,7 @@ def test_the_page_says_what_bending_would_do_to_the_medium():
     for bending in (0.02, 0.1, data["limits"]["rolling"]):
         bent = gp.EffectiveMedium(replace(packing, bending=bending)).at_force(forces).normal_stiffness
         found = max(found, float(np.max(np.abs(bent / stiffness - 1.0))))
-    assert 0.01 < found <= 1.05 * float(told[1])
+    assert 1.0 < 100.0 * found <= 1.05 * float(told[1])
 
 
 @needs_node
@@ -374,6 +375,36 @@ def test_a_sweep_makes_one_page_that_says_where_it_begins(work, capsys):
     capsys.readouterr()
     assert main(["export", "scene.yaml", "-o", "modes.json"]) == 2
     assert "has many states" in one_error(capsys)
+
+
+@pytest.mark.exhaustive
+def test_a_simulation_with_a_history_is_tabulated_from_its_start():
+    """Below the start there is no state, though the slider goes there."""
+    packing = replace(BALLS, spread=gp.Uniform(2e-6))
+    options = {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1e-2}
+    data = describe_page(packing, [MediumChoice("simulation", tuple(options.items()))], FORCE)
+    table = data["media"][0]["table"]
+    unit = packing.law.coefficient * packing.width**1.5
+    assert data["limits"]["force"][0] < unit * np.exp(table["log_force"][0])
+    simulation = gp.DirectSimulation(packing, **options)
+    with pytest.raises(InputError, match="below the start"):
+        simulation.at_force(unit * np.exp(table["log_force"][0] - 0.25))
+    state = simulation.at_force(unit * np.exp(table["log_force"][0]))
+    found = np.exp(table["log_stiffness"][0][0]) * unit / packing.width
+    assert found == pytest.approx(state.normal_stiffness, rel=1e-6)
+
+
+def test_an_automatic_medium_is_the_one_of_the_first_load_and_the_page_says_which():
+    packing, load = replace(BALLS, spread=gp.Uniform(2e-6)), Load("force", [6.0, 100.0, 200.0])
+    auto = MediumChoice("auto", (("tolerance", 0.02),))
+    served = [rung.medium.name for n in range(3) for rung in auto.rungs(packing, load) if n in rung.loads]
+    assert served[0] != served[2] == "ala"
+    data = describe_page(packing, [auto], load, remarks=["One."])
+    assert [one["name"] for one in data["media"]] == served[:1]
+    takes = f"takes the {data['media'][0]['words']} ({served[0]}); the page keeps it at all loads."
+    assert data["remarks"] == ["One.", f"At the first load the medium auto(tolerance=0.02) {takes}"]
+    data = describe_page(packing, [auto], Load("force", [200.0, 6.0]))
+    assert [one["name"] for one in data["media"]] == ["ala"]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -245,15 +246,24 @@ def contrast(one: str, other: str) -> float:
 
 @pytest.mark.parametrize("name", ["chain", "triangular", "fcc"])
 def test_it_fits_on_a_telephone(chromium, folder, name):
-    with Visit(chromium, folder / f"{name}.html", viewport={"width": 390, "height": 844}) as page:
+    with Visit(chromium, folder / f"{name}.html", viewport={"width": 360, "height": 740}) as page:
         page.wait_for_function(DRAWN)
-        assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
+        written = page.evaluate(
+            """() => [...document.querySelectorAll("#bands .main-svg text")].filter((one) => one.textContent.trim())
+            .map((one) => [one.textContent, one.getBoundingClientRect()])
+            .map(([text, box]) => [text, box.left, box.right, box.top, box.bottom])"""
+        )
+        assert len(written) > 8
+        for (one, *box), (other, *there) in itertools.combinations(written, 2):
+            beside = box[1] <= there[0] or there[1] <= box[0] or box[3] <= there[2] or there[3] <= box[2]
+            assert beside, f"{one} is written over {other}"
         small = page.evaluate(
             """() => [...document.querySelectorAll("body *")].filter((one) => one.offsetParent && !one.children.length &&
             one.textContent.trim() && parseFloat(getComputedStyle(one).fontSize) < 11).map((one) => one.textContent)"""
         )
         assert small == []
-        assert page.evaluate("() => document.getElementById('bands').getBoundingClientRect().width") > 300
+        assert page.evaluate("() => document.getElementById('bands').getBoundingClientRect().width") > 280
 
 
 @pytest.mark.parametrize(

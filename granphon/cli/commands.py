@@ -96,5 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return fail(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except Exception as error:
         if isinstance(error, _USAGE_ERROR):
-            return fail(f"{error.format_message()} See 'granphon --help'.", 2)  # type: ignore[attr-defined]
+            said = error.format_message().rstrip(".")  # type: ignore[attr-defined]
+            context = getattr(error, "ctx", None)
+            return fail(f"{said}. See '{context.command_path if context else 'granphon'} --help'.", 2)
         raise

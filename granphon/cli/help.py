@@ -6,6 +6,7 @@ loaded for every help.
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
@@ -27,7 +28,10 @@ def _list_parameters(command: Any, ctx: Any) -> list[tuple[str, tuple[str, str]]
         record = one.get_help_record(ctx)
         if record is not None:
             plain = "Arguments" if one.param_type_name == "argument" else "Options"
-            entries.append((getattr(one, "rich_help_panel", None) or plain, record))
+            # the type of a value, as "<str>", says nothing beside its name
+            entries.append(
+                (getattr(one, "rich_help_panel", None) or plain, (re.sub(r" <[\w\[\]]+>", "", record[0]), record[1]))
+            )
     first = ("Arguments", "Options")
     return sorted(entries, key=lambda entry: first.index(entry[0]) if entry[0] in first else len(first))
 

@@ -128,7 +128,7 @@ def _write_picture(
     require_name("--out", out)
     target = Path(out)
     if target.suffix not in endings:
-        what = f"--out is {out}, whose ending is not one of {', '.join(endings)}"
+        what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
         mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
         raise InputError(message(what, mend=mend))
     read = Scene.from_yaml(scene)

@@ -30,7 +30,9 @@ _GO_ON = "The finished parts are kept: run the same command again to continue."
 @command("init", rich_help_panel=SCENES)
 def write_preset(
     path: Annotated[str, typer.Argument(metavar="[PATH]", help="The file to write.")] = "scene.yaml",
-    preset: Annotated[str, typer.Option(help="The scene to start from: " + ", ".join(PRESETS) + ".")] = PRESETS[0],
+    preset: Annotated[
+        str, typer.Option(metavar="NAME", help="The scene to start from: " + ", ".join(PRESETS) + ".")
+    ] = PRESETS[0],
     force: Force = False,
 ) -> None:
     """Write a commented scene to start from.
@@ -165,7 +167,7 @@ def run_scene(
 def draw_results(
     runs: Annotated[
         list[str],
-        typer.Argument(metavar="RUN...", help="Folders of 'granphon run' or 'granphon fit', or files in them."),
+        typer.Argument(metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them."),
     ],
     out: Annotated[
         str | None,
@@ -188,14 +190,15 @@ def draw_results(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Draw the results of a run again, or of several runs in one figure.
+    """Draw the results of one run, or of several in one figure.
 
-    Of one run draws the bands with the density of states beside them (as bands.png in the folder, or as the file given), the
-    velocities and exponents of a sweep (sweep.png), or a fit (fit.png). A file named spectrum, pulse or sample_dos, or of a
-    sweep sweep_dos or sweep_spectra, gets that figure of the waves in arrays.
+    For one run, the figure shows the bands with the density of states beside them (bands.png in the folder, or the file
+    given), the velocities and exponents of a sweep (sweep.png), or a fit (fit.png). A file named spectrum, pulse or
+    sample_dos shows these waves in arrays; for a sweep, the names are sweep_dos and sweep_spectra.
 
-    Of several runs, or with --x or --data, draws sweeps, single states and fits over the load, with measured points
-    (comparison.png in the working folder, or the file given). Runs that all hold bands have them drawn one over the other.
+    For several runs, or with --x or --data, the figure shows sweeps, single states and fits over the load, with measured
+    points (comparison.png in the working folder, or the file given). If all runs hold bands, it shows their bands, one over
+    the other.
 
     \b
     Examples:

@@ -21,7 +21,7 @@ from granphon.figures.curves import (
     make_outside,
     make_serving,
 )
-from granphon.figures.scales import scale_axis
+from granphon.figures.scales import name_axis, scale_axis
 
 # isort: split
 import matplotlib
@@ -176,26 +176,33 @@ def _join_points(curves: Sequence[Curve]) -> list[Curve]:
 
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return for each curve a heading, empty for most, and its own label; and what all curves share.
+    """Return for each curve the heading that it stands under, empty for most, and its own label; and what all curves share.
 
-    What the curves of one run share stands in a heading before them.
+    What the curves of one run share is their heading. A run of one curve stands under that of another run if it shares it.
     """
     differing, common = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
         own = curves[0].facts.get("medium", curves[0].run)
         return [("", own)], [text for text in common if text != own]
-    labels, told = [], set[str]()
+    own_kinds, shared_kinds = list[list[str]](), list[list[str]]()
     for curve in curves:
         alike = [one.facts for one in curves if one.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
         same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
         if "name" in same:  # it stands for all that is the same in the run
             kinds, same = [kind for kind in kinds if kind == "name" or kind not in same], ["name"]
-        shared = same if len(alike) > 1 else []
-        heading = join_facts([curve.facts[kind] for kind in shared], _LETTERS)
-        label = join_facts([curve.facts[kind] for kind in kinds if kind not in shared] or [curve.run], _LETTERS)
-        labels.append((f"{heading}:" if heading and curve.run not in told else "", label))
-        told.add(curve.run)
+        own_kinds.append(kinds)
+        shared_kinds.append(same if len(alike) > 1 else [])
+    labels = []
+    for curve, kinds, shared in zip(curves, own_kinds, shared_kinds, strict=True):
+        others = (
+            other for one, other in zip(curves, shared_kinds, strict=True)
+            if other and set(other) < set(kinds) and all(one.facts[kind] == curve.facts[kind] for kind in other)
+        )  # fmt: skip
+        above = shared or next(others, [])
+        heading = join_facts([curve.facts[kind] for kind in above], _LETTERS)
+        label = join_facts([curve.facts[kind] for kind in kinds if kind not in above] or [curve.run], _LETTERS)
+        labels.append((f"{heading}:" if heading else "", label))
     return labels, common
 
 
@@ -207,13 +214,12 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         raise InputError(message(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"))
     labels, common = _write_legend(models)
     # entries below a heading come last, so that none that does not belong there stands there
-    handles, headed, with_heading = list[Line2D](), list[Line2D](), set[str]()
+    groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        if heading:
-            headed.append(Line2D([], [], linestyle="none", label=heading))
-            with_heading.add(curve.run)
-        (headed if curve.run in with_heading else handles).append(make_handle(curve, look, label))
+        groups.setdefault(heading, []).append(make_handle(curve, look, label))
+    handles = groups.pop("")
+    headed = [one for text, group in groups.items() for one in (Line2D([], [], linestyle="none", label=text), *group)]
     for n, curve in enumerate(points):
         told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
         style: dict[str, Any] = {"marker": _DATA_MARKS[n % len(_DATA_MARKS)], "markersize": 2.6, "linestyle": "none"}
@@ -225,9 +231,10 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         handles.append(make_outside(all(curve.as_points for curve in models)))
     handles += make_serving(models) + headed
     every = [*models, *points]
-    for which, values in (("x", [curve.x for curve in every]), ("y", [curve.y for curve in every])):
-        scale_axis(ax, which, np.concatenate(values))
-    ax.set(xlabel=axis_label(x, models[0].units[0]), ylabel=axis_label(y, models[0].units[1]))
+    for which, name, unit in (("x", x, models[0].units[0]), ("y", y, models[0].units[1])):
+        values = np.concatenate([getattr(curve, which) for curve in every])
+        scale_axis(ax, which, values)
+        name_axis(ax, which, values, axis_label(name, ""), unit)
     return _Drawn(handles, common)
 
 
@@ -244,8 +251,10 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
             value = write_value(float(run.state.numbers[load]), run.state.units.get(load, ""))
             told |= run.state.facts | {"load": f"{load} {value}"}
         facts.append(told)
+    known = all(facts)  # what one run does not tell of itself is no difference between it and the others
     facts = [
-        {"run": run.name} | one if facts.count(one) > 1 or not one else one for run, one in zip(runs, facts, strict=True)
+        one if known and facts.count(one) == 1 else {"run": run.name} | (one if known else {})
+        for run, one in zip(runs, facts, strict=True)
     ]
     differing, common = find_differing(facts)
     labels = [

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import FigureError, message
+from granphon.base.errors import FigureError, InputError, message
+from granphon.base.scales import prefixed
 from granphon.figures.style import LONGITUDINAL_COLOUR, TRANSVERSE_COLOUR, shorten_error
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ with _open_door():
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-__all__ = ["FORCES", "MOTION", "POLARISATION", "ROTATION", "SPECTRUM", "hide_axes", "scale_axis"]
+__all__ = ["FORCES", "MOTION", "POLARISATION", "ROTATION", "SPECTRUM", "hide_axes", "name_axis", "scale_axis"]
 
 Array = NDArray[np.float64]
 
@@ -71,16 +72,26 @@ SPECTRUM = matplotlib.colormaps["Blues"]
 MOTION = matplotlib.colormaps["RdBu_r"]
 #: colours from transverse (0) to longitudinal (1)
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
+#: least and largest value of a logarithmic axis; the squares of what is farther from one are beyond floating point
+_LEAST, _LARGEST = 1e-150, 1e150
+#: units that take prefixes on an axis, where the largest value is not between these two numbers
+_PREFIXED, _SMALL, _LARGE = ("m", "N", "N/m", "Pa"), 1e-2, 1e5
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     """Make the ``which`` axis, "x" or "y", logarithmic if all values are above zero.
 
     Its ticks are plain numbers if the ratio of the largest value to the smallest is below ``plain``.
+
+    Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
     there = values[np.isfinite(values)]
     if there.min() <= 0.0:
         return
+    if there.min() < _LEAST or there.max() > _LARGEST:
+        what = f"the {which} axis cannot reach from {there.min():.4g} to {there.max():.4g}"
+        why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
+        raise InputError(message(what, why, "Look at the units of the data, and leave out what is wrong"))
     ax.set(**{f"{which}scale": "log"})
     axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
     if span < plain:
@@ -88,6 +99,24 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
     axis.set_minor_formatter(NullFormatter())
+
+
+def name_axis(ax: Axes, which: str, values: Array, label: str, unit: str) -> None:
+    """Label the ``which`` axis, which has its scale, with a unit in which the numbers at its ticks are short: µm, GPa.
+
+    ``values`` are in the SI ``unit``. The data of the axis stay in it: only what is written at the ticks is divided.
+    """
+    most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+    size, name = prefixed(most, unit) if unit in _PREFIXED and not _SMALL <= most < _LARGE else (1.0, unit)
+    name = name.replace("u", "µ")
+    ax.set(**{f"{which}label": label if name in ("", "1") else f"{label} ({name})"})
+    if size == 1.0:
+        return
+    axis = getattr(ax, f"{which}axis")
+    if axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), _PlainTicks):
+        axis.set_major_formatter(lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$")
+    else:
+        axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:

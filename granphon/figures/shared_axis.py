@@ -111,7 +111,7 @@ def require_one_axis(curves: Sequence[Curve], x: str, y: str) -> None:
             raise InputError(message(f"{y} of {curve.run} has no finite value", mend="Draw another quantity"))
 
 
-def _find_ratio(runs: Sequence[Run], x: str) -> float:
+def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
     """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for all runs."""
     if x == "force":
         return 1.0
@@ -120,7 +120,7 @@ def _find_ratio(runs: Sequence[Run], x: str) -> float:
         why = "It is not the same multiple of the contact force in all of them"
         if x == "overlap":
             why = "The overlap of balls was not measured"
-        raise InputError(message(f"the {x} of measured points is not known from these runs", why, "Draw over the force"))
+        raise InputError(message(f"the {x} of measured points is not known from these runs", why, mend))
     return float(np.median(ratios))
 
 
@@ -134,7 +134,11 @@ def read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | No
         name = Path(given).stem
         periods = _PERIODS.get(runs[0].pressure_unit, 2)
         frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
-        given = Measurements.read(given, frame=frame, pressed=lambda p: p / _find_ratio(runs, "pressure"), periods=periods)
+
+        def press(pressure: float) -> float:
+            return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
+
+        given = Measurements.read(given, frame=frame, pressed=press, periods=periods)
     ratio = _find_ratio(runs, x)
     sigma = np.nan if given.sigma is None else given.sigma
     facts = {"run": name}

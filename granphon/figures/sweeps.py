@@ -11,12 +11,11 @@ import itertools
 from typing import TYPE_CHECKING, Any
 
 # before matplotlib, whose import this module guards
-from granphon.figures.scales import scale_axis
+from granphon.figures.scales import name_axis, scale_axis
 
 # isort: split
 import matplotlib
 import numpy as np
-from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -92,7 +91,7 @@ def plot_sweep(
         draw_curve(ax, read_curve(dataset, variable, x, index), Look(colour, width, dashes, marker), variable)
     for which, values, name in (("x", along, x), ("y", across, variable)):
         scale_axis(ax, which, np.asarray(values))
-        ax.set(**{f"{which}label": axis_label(name, dataset[name].attrs.get("units", ""))})
+        name_axis(ax, which, np.asarray(values), axis_label(name, ""), dataset[name].attrs.get("units", ""))
     if legend:
         ax.legend(handles=_make_legend(dataset))
     return ax
@@ -165,8 +164,8 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
         ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
         ax.annotate(
-            name, (0.0, value), xycoords=ax.get_yaxis_transform(), xytext=(2, 1), textcoords="offset points", va="bottom",
-            color="0.4", fontsize=7.0, path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
+            name, (1.0, value), xycoords=ax.get_yaxis_transform(), xytext=(3, 0), textcoords="offset points", va="center",
+            color="0.4", annotation_clip=False,
         )  # fmt: skip
     ax.margins(y=0.16)
     return ax

@@ -69,6 +69,8 @@ class WidthFit(Result):
         "velocities": "n",
     }  # fmt: skip
 
+    shown = ("width", "stderr")
+
     packing: Packing
     choice: MediumChoice
     waves: Waves

@@ -32,6 +32,8 @@ COLUMNS: Mapping[str, Quantity] = {
     "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
     "time": TIME, "distance": LENGTH, "sigma": _SIGMA, "time_sigma": TIME, "frequency": FREQUENCY,
 }  # fmt: skip
+#: velocity of light, m/s: a sound velocity above it has another unit, or is a mistake
+_LIGHT = 299792458.0
 
 
 def _tell_column(kind: str) -> str:
@@ -59,7 +61,8 @@ class Measurements(Result):
 
     Raises
     ------
-    InputError : a value is not a finite number above zero, or the arrays have different lengths.
+    InputError : a value is not a finite number above zero, a velocity or its error is above that of light, or the arrays
+        have different lengths.
     """
 
     units = {"force": "N", "velocity": "m/s", "sigma": "m/s", "frequency": "Hz"}
@@ -76,6 +79,9 @@ class Measurements(Result):
             if given is not None:
                 array = np.array(finite_list(name, given, self.units[name], "above zero"))
                 counts[name] = array.size
+                if self.units[name] == "m/s" and np.max(array, initial=0.0) > _LIGHT:
+                    what = f"{name} is {np.max(array):.6g} m/s, more than the velocity of light"
+                    raise InputError(message(what, mend="Look at the unit, and at the number itself"))
                 object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
         n = counts["force"]
         if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
@@ -162,4 +168,8 @@ class Measurements(Result):
                 sigma = velocity * (table.column(head, PERCENT, _tell_column(error)) / 100.0)
             else:
                 sigma = read("sigma") if error == "sigma" else velocity * read("time_sigma") / read("time")
-        return cls(force, velocity, sigma, read("frequency") if choose("frequency") else None)
+        frequency = read("frequency") if choose("frequency") else None
+        try:
+            return cls(force, velocity, sigma, frequency)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None

@@ -19,7 +19,7 @@ from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import high_pressure_overlap
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import change_width
-from granphon.base.errors import MechanismError, PrecisionError
+from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits
 from granphon.dynamics.local_field import local_field, paper_local_field
 from granphon.laws.cluster import VALID_FORCE as VALID_CLUSTER_FORCE
@@ -30,7 +30,7 @@ from granphon.media.choice import MediumChoice
 from granphon.media.cluster import ClusterMedium
 from granphon.media.state import Law
 
-__all__ = ["tabulate_medium"]
+__all__ = ["WORDS", "tabulate_medium"]
 
 Array = NDArray[np.float64]
 #: nodes of ln f* to begin with, and the most that there may be
@@ -45,10 +45,12 @@ _EQUAL = 3000.0
 _FRICTION_NODES = {2: 8, 3: 5}
 #: least eta of a table on a lattice that does not stand without friction
 _LEAST_FRICTION = 0.05
+#: least relative change of k that is told by its size
+_NOTED = 1e-4
 #: loads of a simulation
 _SIMULATED = 17
 #: names of the media on a page
-_WORDS = {
+WORDS = {
     "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
     "simulation": "simulation",
 }  # fmt: skip
@@ -78,7 +80,7 @@ def tabulate_medium(
     """
     name = choice.name
     found: dict[str, Any] = {
-        "name": choice.label, "words": _WORDS[name], "table": None, "error": 0.0, "friction_error": 0.0,
+        "name": choice.label, "words": WORDS[name], "table": None, "error": 0.0, "friction_error": 0.0,
         "valid": 0.0, "note": "", "refusal": "",
     }  # fmt: skip
     if packing.structure.periods == 1:
@@ -105,7 +107,8 @@ def tabulate_medium(
     checks = [(root, _follow(law)) for root in between if (law := _make_law(packing, choice, root**2)) is not None]
     if name == "ema":
         change = _find_effect_of_rolling(packing, choice, most_rolling, low)
-        note += f" In the medium they would change the stiffness by up to {change:.2g} of itself." if change else ""
+        told = f"up to {100.0 * change:.2g} %" if change >= _NOTED else f"less than {100.0 * _NOTED:g} %"
+        note += f" In the medium they would change the stiffness by {told}." if change else ""
     valid = {"afa": high_pressure_overlap(1.0) ** 1.5, "ema": VALID_FORCE, "cluster": VALID_CLUSTER_FORCE}[name]
     return found | _tabulate(curves, roots, low, 1.5 * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
 
@@ -259,6 +262,17 @@ def _interpolate(nodes: Array, at: float) -> Array:
     return np.array([np.prod((at - np.delete(nodes, k)) / (nodes[k] - np.delete(nodes, k))) for k in range(len(nodes))])
 
 
+def _find_first_load(medium: Any, low: float, units: WidthUnits) -> float:
+    """Return the least ln f* from ``low`` on, in steps of a quarter, to which samples can be loaded: the start, or above."""
+    for x in np.arange(low, 5.0, 0.25) if medium.friction_history else ():
+        try:
+            medium.at_force(np.exp(x) * units.force)
+        except InputError:  # below the start
+            continue
+        return float(x)
+    return low
+
+
 def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Curve, float, float, float]:
     """Return the curve of a simulation, a spline through some loads, the ends of ln f*, and the error of half as many."""
     from scipy.interpolate import CubicSpline
@@ -268,8 +282,9 @@ def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Cu
     width = min(spread.width, 1e-3 * packing.diameter)
     balls = replace(packing, spread=change_width(spread, width))
     units = WidthUnits(packing.law.coefficient, width)
-    x = np.linspace(np.log(max(least, 1e-2)), 1.5 * np.log(30.0), _SIMULATED)
-    state: Any = choice.of(balls).at_force(np.exp(x) * units.force)
+    medium: Any = choice.of(balls)
+    x = np.linspace(_find_first_load(medium, np.log(max(least, 1e-2)), units), 1.5 * np.log(30.0), _SIMULATED)
+    state = medium.at_force(np.exp(x) * units.force)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)
     stiffness, lengths = CubicSpline(x, log_stiffness), CubicSpline(x, overlap)

@@ -15,7 +15,7 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.media.choice import MediumChoice
 from granphon.page.bundle import fill_template
 from granphon.page.lattice_data import describe_lattice
-from granphon.page.medium_tables import tabulate_medium
+from granphon.page.medium_tables import WORDS, tabulate_medium
 from granphon.phonons.paths import BandPath
 
 __all__ = ["PAGE_SCHEMA", "describe_page", "make_page"]
@@ -52,7 +52,8 @@ def describe_page(
     Parameters
     ----------
     packing : the balls.
-    media : the media among which the page lets choose; an automatic one is the medium that it takes at the first load.
+    media : the media among which the page lets choose; an automatic one is the medium that it takes at the first load, and a
+        remark says which.
     load : one load or more. The page begins at the first, and its slider reaches beyond all of them.
     finite_overlap : whether the page begins with the terms of relative order delta/d.
     path : the path of the bands, by default that of the lattice.
@@ -64,9 +65,13 @@ def describe_page(
     InputError : the balls cannot carry a load; an automatic medium cannot be chosen.
     """
     structure, law = packing.structure, packing.law
-    forces, chosen, choices = [], [], list(dict.fromkeys(media)) or [MediumChoice("ala")]
-    for choice in choices:
-        serving = choice.rungs(packing, load.applied.flat)[0].medium if choice.is_automatic else choice
+    forces, chosen, notes = [], [], list(remarks)
+    for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
+        serving = choice
+        if choice.is_automatic:
+            serving = choice.rungs(packing, load.applied.flat[np.zeros(1, int)])[0].medium
+            words = f"{WORDS[serving.name]} ({serving.label})"
+            notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)
     for value in load.applied.flat.array if load.size <= 2 else load.applied.flat.array[[0, *_find_ends(load)]]:
         state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
@@ -111,7 +116,7 @@ def describe_page(
             "torsion": float(torsion), "mindlin": packing.torsion == MINDLIN, "bending": packing.bending,
             "overlap": bool(finite_overlap), "motions": packing.named_motions.name,
         },
-        "remarks": list(remarks),
+        "remarks": notes,
     }  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def _record_spectrum(sample: Sample, waves: Waves, settings: SpectrumSettings, p
     way = find_path_points(waves.network, ideal_lattice(packing), packing.diameter, path, settings.points)
     found = [waves.spectral_function(way.q, name, settings.resolution) for name in settings.polarisation]
     return {
-        "path_corners": way.corners, "path_distance": way.distances, "wavenumber": np.linalg.norm(way.q, axis=1),
+        "path_corners": way.corners, "path_distance": way.distances, "wavenumber": found[0].wavenumber,
         "lines": np.array([(one.peak, one.width, one.resolved) for one in found], float),
     }  # fmt: skip
 

@@ -15,7 +15,9 @@ from granphon.base.validation import choice, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["PeriodicCell", "find_polarisations", "make_plane_wave", "nearest_wavevectors", "read_wavevectors"]
+__all__ = [
+    "PeriodicCell", "find_polarisations", "fold_wavevectors", "make_plane_wave", "nearest_wavevectors", "read_wavevectors",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 _NAMES = ("longitudinal", "transverse", "rotational")
@@ -63,6 +65,17 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
     return np.asarray(_round(network, given).reshape(np.shape(q)))
 
 
+def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
+    """Return for wave vectors ``q`` (n, d) the shortest, 1/m, that differ from them by a reciprocal vector of the lattice.
+
+    They lie in the first zone. None for a network of no lattice.
+    """
+    if network.lattice is None or network.shape is None:
+        return None
+    primitive = network.cell[: len(network.shape), : q.shape[1]] / np.array(network.shape)[:, None]
+    return q - _find_nearest(primitive, q)
+
+
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
     given, d = finite_array("q", q, "1/m"), network.dimension
     if d == 1 and given.ndim == 0:
@@ -85,15 +98,20 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
     periods = _periods(network)
     if not len(periods):
         return q
+    found = _find_nearest(periods, q)
+    if len(periods) < network.dimension:
+        found += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
+    return found
+
+
+def _find_nearest(periods: Array, q: Array) -> Array:
+    """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with ``periods`` (p, d)."""
     back = np.linalg.pinv(periods).T  # (p, d) rows b with b_i . L_j = delta_ij
     waves = q @ periods.T / (2.0 * np.pi)
     around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
     least = np.argmin(np.sum(((around - waves[:, None]) @ back) ** 2, axis=-1), axis=1)
     # from whole numbers, not as a step from q: then the same wave vector has the same digits, and Gamma is zero
-    found = 2.0 * np.pi * around[np.arange(len(q)), least] @ back
-    if len(periods) < network.dimension:
-        found += q - q @ periods.T @ back  # across the periods nothing moves
-    return np.asarray(found + 0.0)
+    return np.asarray(2.0 * np.pi * around[np.arange(len(q)), least] @ back + 0.0)
 
 
 def _show(q: Array) -> str:

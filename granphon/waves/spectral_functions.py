@@ -17,7 +17,7 @@ from granphon.waves.kernel import Kernel
 from granphon.waves.lines import Lines, find_ioffe_regel, find_lines, true_width
 from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
-from granphon.waves.plane_waves import find_polarisations, make_plane_wave, read_wavevectors
+from granphon.waves.plane_waves import find_polarisations, fold_wavevectors, make_plane_wave, read_wavevectors
 
 __all__ = ["SpectralFunction", "find_spectral_function"]
 
@@ -44,10 +44,13 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     values : (n, n_f) 1/Hz; the integral over frequencies is 1.
     top : bound of all frequencies, Hz, on which the polynomials are made.
     moments : number of Chebyshev moments.
+    shortest : (n, d) the wave vectors in the first zone of the lattice, 1/m, that differ from q by reciprocal vectors. With
+        one ball in a cell all balls move as in the wave of q. None where the network has no lattice.
     """
 
-    units = {"q": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
-    shapes = {"q": "n d", "frequencies": "f", "values": "n f"}
+    added = ("shortest",)
+    units = {"q": "1/m", "shortest": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
+    shapes = {"q": "n d", "shortest": "n d?", "frequencies": "f", "values": "n f"}
 
     q: Array
     polarisation: str
@@ -56,6 +59,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     values: Array
     top: float
     moments: int
+    shortest: Array | None = None
 
     def check(self) -> None:
         """Check the shapes, and that the points are those of the moments."""
@@ -109,17 +113,18 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
 
     @property
     def wavenumber(self) -> Array:
-        """(n,) ``|q|``, 1/m."""
-        return np.asarray(np.linalg.norm(self.q, axis=1))
+        """(n,) ``|q|``, 1/m; on a lattice that of :attr:`shortest`, as waves outside of the first zone are waves in it."""
+        return np.asarray(np.linalg.norm(self.q if self.shortest is None else self.shortest, axis=1))
 
     @property
     def phase_velocity(self) -> Array:
-        """(n,) 2 pi peak / ``|q|``, m/s.
+        """(n,) 2 pi peak over the :attr:`wavenumber`, m/s.
 
-        Raises :class:`~granphon.base.errors.InputError` for q = 0.
+        Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q that is a reciprocal vector of the lattice.
         """
-        if not np.all(self.wavenumber):
-            raise InputError(message("a wave with q = 0 has no velocity", mend="Give wave vectors other than zero"))
+        if np.any(self.wavenumber <= _SAME * np.linalg.norm(self.q, axis=1)):
+            why = "A reciprocal vector of the lattice is the same wave as q = 0"
+            raise InputError(message("a wave with q = 0 has no velocity", why, "Give other wave vectors"))
         return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
 
     @property
@@ -137,7 +142,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         return _ratio(math.pi * self.width, self.phase_velocity)
 
     def ioffe_regel(self, product: float = 1.0) -> float | None:
-        """Return the frequency, Hz, from which ``|q|`` times the mean free path is below ``product``; None if never.
+        """Return the frequency, Hz, from which wavenumber times mean free path is below ``product``; None if never.
 
         With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi it is half the
         wavelength. It lies between two wave vectors, in the order of their lengths: the first that is above and the next
@@ -238,5 +243,5 @@ class _PlaneWaves:
             )
         return SpectralFunction(
             self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
-            kernel.top, moments,
+            kernel.top, moments, fold_wavevectors(self._operator.network, self._q),
         )._with_work(self)  # fmt: skip

@@ -36,7 +36,7 @@ export class BandsView {
     const axes = [this.axisTop, unit.name, path.length, themeColour("ink"), dos ? [unit.scale, dos.total, dos.turning] : ""].join();
     if (axes !== this.axes) {
       this.axes = axes;
-      Plotly.react(this.element, this.makeStates(dos, unit), this.makeLayout(path, unit), QUIET);
+      Plotly.react(this.element, this.makeStates(dos, unit), this.makeLayout(path, unit, dos), QUIET);
       if (!this.overlay.parentNode) {
         this.element.append(this.overlay);
         this.element.on("plotly_afterplot", () => this.drawCurves());
@@ -92,17 +92,22 @@ export class BandsView {
     this.mark.setAttribute("cy", level);
   }
 
-  makeLayout(path, unit) {
+  makeLayout(path, unit, dos) {
+    const most = dos ? dos.total.reduce((high, one) => (one > high ? one : high), 0) / unit.scale || 1 : 1;
     const [ink, grid] = [themeColour("ink"), themeColour("grid")];
-    const axis = { color: ink, gridcolor: grid, zeroline: false, fixedrange: true };
+    const axis = { color: ink, gridcolor: grid, zeroline: false, fixedrange: true, ticklabelstandoff: 4 };
     return {
-      margin: { l: 58, r: 8, t: 8, b: 42 }, showlegend: false, dragmode: false, paper_bgcolor: "rgba(0,0,0,0)",
+      margin: { l: 60, r: 8, t: 8, b: 42 }, showlegend: false, dragmode: false, paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 13 }, hovermode: false,
       xaxis: {
         ...axis, domain: [0, 0.78], range: [0, path.length], tickvals: path.ticks.map((one) => one.at),
         ticktext: path.ticks.map((one) => one.label), gridcolor: themeColour("line"),
       },
-      xaxis2: { ...axis, domain: [0.81, 1], rangemode: "tozero", title: { text: `states (1/${unit.name})`, font: { size: 11 } }, nticks: 3 },
+      // one number, as there is room for no more on a telephone; zero is at the left end
+      xaxis2: {
+        ...axis, domain: [0.81, 1], range: [0, 1.05 * most], tickvals: [findRound(0.8 * most)], tickangle: 0,
+        title: { text: `1/${unit.name}`, font: { size: 11 } },
+      },
       yaxis: { ...axis, range: [0, this.axisTop], title: { text: `Frequency (${unit.name})` } },
     };
   }
@@ -131,6 +136,13 @@ export class BandsView {
   }
 }
 
+// The largest number 1, 2 or 5 times a power of ten that is not above a value
+function findRound(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  const times = [5, 2].find((one) => one * power <= value) ?? 1;
+  return Number((times * power).toPrecision(3));
+}
+
 // Velocities over the force, with the state marked
 export function drawVelocities(element, curves, force, velocities) {
   const [ink, grid] = [themeColour("ink"), themeColour("grid")];
@@ -146,7 +158,7 @@ export function drawVelocities(element, curves, force, velocities) {
   });
   Plotly.react(element, traces, {
     margin: { l: 62, r: 10, t: 6, b: 46 }, dragmode: false, hovermode: false, paper_bgcolor: "rgba(0,0,0,0)",
-    plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 13 }, legend: { orientation: "h", y: 1.18, x: 0 }, showlegend: true,
+    plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 13 }, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true,
     xaxis: { ...axis, title: { text: "Force of a contact (N)" }, dtick: 1, exponentformat: "power" }, yaxis: { ...axis, title: { text: "Velocity (m/s)" }, dtick: "D2", tickformat: ".4~g" },
   }, QUIET);
 }

@@ -238,7 +238,6 @@ function listen() {
   const setPlaying = (playing) => {
     modeView.playing = playing;
     play.textContent = playing ? "Stop" : "Move";
-    play.setAttribute("aria-pressed", String(playing));
   };
   play.addEventListener("click", () => setPlaying(!modeView.playing));
   setPlaying(!matchMedia("(prefers-reduced-motion: reduce)").matches);
