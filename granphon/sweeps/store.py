@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from granphon.base.errors import FileExistsInRunError, OutputError, message
 from granphon.base.text import show
@@ -28,7 +28,6 @@ from granphon.sweeps.entries import (
     MARK,
     TaskResult,
     decode,
-    encode,
     name_of,
     read_body,
     read_bytes_at,
@@ -37,7 +36,7 @@ from granphon.sweeps.entries import (
     wrap,
 )
 
-__all__ = ["Named", "Store", "open_store"]
+__all__ = ["Store", "open_store"]
 
 #: longest time for which entries are left to the system's memory before they are forced to the disk, s
 _SYNC_SECONDS = 1.0
@@ -45,15 +44,6 @@ _SYNC_SECONDS = 1.0
 _MOST_OUTDATED = 64_000_000
 #: largest number of differences between two works that a message names
 _MOST_NAMED = 3
-
-
-class Named(Protocol):
-    """Something whose result is kept under its name."""
-
-    @property
-    def name(self) -> str:
-        """The name: one line, not empty; nothing with another result has it."""
-        ...
 
 
 # -- the store ------------------------------------------------------------------------------------------------------
@@ -113,36 +103,34 @@ class Store:
         if identity is not None:
             self._pending = b"" if before == mine else f"{IDENTITY}\n{text}".encode()
 
-    def __contains__(self, task: Named) -> bool:
-        return task.name in (self._held if self.path is None else self._list())
+    def __contains__(self, name: str) -> bool:
+        return name in (self._held if self.path is None else self._list())
 
-    def read(self, task: Named) -> TaskResult | None:
-        """Return the result of ``task`` or of its first steps; None if there is none, or it is damaged."""
+    def read(self, name: str) -> TaskResult | None:
+        """Return the result of the task of this name or of its first steps; None if there is none, or it is damaged."""
         if self.path is None:
-            entry = self._held.get(task.name)
+            entry = self._held.get(name)
             return None if entry is None else decode(entry)
-        place = self._list().get(task.name)
+        place = self._list().get(name)
         if place is None:
             return None
         with suppress(OSError):
             stream = self._open(writing=False)
             body = read_body(stream, place[0], sum(place))
-            if body is not None and name_of(body) == task.name:
+            if body is not None and name_of(body) == name:
                 return read_part(body)
         return None
 
-    def write(self, task: Named, part: TaskResult) -> None:
-        """Keep the result of ``task``, or of its first steps; raises as :meth:`append` does."""
-        self.append(task, encode(task.name, part))
+    def append(self, name: str, entry: bytes) -> None:
+        """Keep the result of the task of this name, as :func:`~granphon.sweeps.entries.encode` has written it.
 
-    def append(self, task: Named, entry: bytes) -> None:
-        """Keep the result of ``task`` as :func:`encode` has written it: once this returns, a kill does not lose it.
+        Once this returns, a kill does not lose it.
 
         Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or has been removed or replaced:
         only the process that has locked its folder may write there.
         """
         if self.path is None:
-            self._held[task.name] = entry
+            self._held[name] = entry
             return
         places = self._list()
         stream = self._open(writing=True)
@@ -150,8 +138,8 @@ class Store:
             self._put(stream, wrap(self._pending))
             self._before, self._pending = self._pending, b""
         place = self._put(stream, entry)
-        self._outdated += places[task.name][1] if task.name in places else 0
-        places[task.name] = (place, len(entry))
+        self._outdated += places[name][1] if name in places else 0
+        places[name] = (place, len(entry))
         if self._outdated > max(_MOST_OUTDATED, self._end - self._outdated):
             self._write_anew()
         elif (now := time.monotonic()) - self._synced > _SYNC_SECONDS:
