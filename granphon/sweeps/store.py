@@ -93,9 +93,9 @@ class Store:
             if not self.force:
                 raise FileExistsInRunError(
                     message(
-                        f"{self.path} holds the finished part of another sweep, which was interrupted",
+                        f"{self.path} holds the finished part of other work, which was interrupted",
                         _explain_difference(before, mine),
-                        "Run that sweep again to continue it, use --force (force=True, overwrite=True) to discard what it "
+                        "Repeat that command to continue it, use --force (force=True, overwrite=True) to discard what it "
                         "has finished, or choose another folder",
                     )
                 )
