@@ -730,7 +730,7 @@ def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypa
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
         for words in (
-            "out/.granphon-sweep holds the finished part of another",
+            "out/.granphon-sweep holds the finished part of other work",
             "differ: force[1] is 3.16978638492",
             "--force",
         ):
@@ -997,6 +997,28 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
         assert (work / "two" / name).read_bytes() == (work / "whole" / name).read_bytes()
 
 
+def test_what_is_no_mistake_in_the_scene_is_not_told_as_one(work, monkeypatch, capsys):
+    """A disk that is full in the midst of the samples of one state is not a load that the balls cannot carry."""
+    from granphon.sweeps import store
+
+    class Full(store.FileIO):
+        def write(self, data: bytes) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (work / "scene.yaml").write_text(SAMPLES)
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "FileIO", Full)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 1
+    told = (
+        "out/.granphon-sweep cannot be written: No space left on device. What was finished before is kept. Free some space"
+    )
+    assert capsys.readouterr().err.startswith(f"granphon: error: {told}, and run the same command again.")
+    assert not (work / "out").exists()
+    (work / "scene.yaml").write_text(SAMPLES.replace("force: 3 N", "overlap: -1.05 um"))
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 2
+    assert "found '-1.05 um'; allowed: a load that the balls can carry" in capsys.readouterr().err
+
+
 HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"
 
 
@@ -1077,7 +1099,7 @@ def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch,
 
     monkeypatch.setattr(Job, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "out has been removed while a sweep was writing into it" in capsys.readouterr().err
+    assert "out has been removed or replaced while it was written" in capsys.readouterr().err
     assert listed(work) == {"scene.yaml"}
 
 
@@ -1095,7 +1117,7 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
 
     monkeypatch.setattr(Job, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "out has been removed while a sweep was writing into it" in capsys.readouterr().err
+    assert "out has been removed or replaced while it was written" in capsys.readouterr().err
     assert listed(work / "out") == {"mine"}
 
 

@@ -10,6 +10,7 @@ memory a data base cannot rely, and because one damaged page must not cost the o
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
@@ -134,10 +135,9 @@ class Store:
             return
         places = self._list()
         stream = self._open(writing=True)
-        if self._pending:
-            self._put(stream, wrap(self._pending))
-            self._before, self._pending = self._pending, b""
-        place = self._put(stream, entry)
+        whose = wrap(self._pending) if self._pending else b""  # in one write: no file holds the identity of work alone
+        place = self._put(stream, whose + entry) + len(whose)
+        self._before, self._pending = self._pending or self._before, b""
         self._outdated += places[name][1] if name in places else 0
         places[name] = (place, len(entry))
         if self._outdated > max(_MOST_OUTDATED, self._end - self._outdated):
@@ -189,14 +189,11 @@ class Store:
                 self._places[name] = (place, length)
             start = read_bytes_at(stream, 0, 1_000_000)
         except OSError as error:
-            raise self._explain(error) from None
+            raise self._explain(error, "read") from None
         if not self._end and start.strip(b"\0") and not start.startswith(MARK[: len(start)]):
             self.close()
-            what, why = (
-                f"{self.path} is no store of a sweep",
-                "The finished parts of a sweep are kept in a file of that name",
-            )
-            raise OutputError(message(what, why, "Move it away, or choose another folder"))
+            newer = start.startswith(MARK.rstrip(b"\0"))
+            raise self._explain_stranger("of another version of granphon" if newer else "no store of a sweep")
         return self._places
 
     def _check(self) -> bool:
@@ -206,7 +203,7 @@ class Store:
         except FileNotFoundError:
             return False
         except OSError as error:
-            raise self._explain(error) from None
+            raise self._explain(error, "read") from None
         if not stat.S_ISREG(found.st_mode):
             kinds = {stat.S_IFLNK: "a symbolic link", stat.S_IFDIR: "a folder"}
             raise self._explain_stranger(kinds.get(stat.S_IFMT(found.st_mode), "not a file"))
@@ -226,7 +223,7 @@ class Store:
         except FileNotFoundError:
             raise self._explain_loss() from None
         except OSError as error:
-            raise self._explain(error) from None
+            raise self._explain(error, "written" if writing else "read") from None
         self._stream = FileIO(descriptor, "a+" if writing else "r")
         if writing and os.fstat(descriptor).st_size > self._end:
             os.ftruncate(descriptor, self._end)
@@ -261,14 +258,19 @@ class Store:
         why = "The finished parts of a sweep are kept in a file of that name"
         return OutputError(message(f"{self.path} is {kind}", why, "Move it away, or choose another folder"))
 
-    def _explain(self, error: OSError) -> OutputError:
+    def _explain(self, error: OSError, done: str = "written") -> OutputError:
         if isinstance(error, OutputError):
             return error
-        return OutputError(message(f"{self.path} cannot be written: {error.strerror or error}"))
+        what, why = f"{self.path} cannot be {done}: {error.strerror or error}", "What was finished before is kept"
+        mend = f"Run the same command again when it can be {done}"
+        if error.errno == errno.ENOSPC:
+            mend = "Free some space, and run the same command again"
+        return OutputError(message(what, why, mend))
 
     def _explain_loss(self) -> OutputError:
         home = Path(str(self.path)).parent
-        what, why = f"{home} has been removed while a sweep was writing into it", "The parts that it had finished are gone"
+        lost = self.path if self._home in (None, _identify_folder(home)) else home
+        what, why = f"{lost} has been removed or replaced while it was written", "The parts that were finished are not there"
         return OutputError(message(what, why, "Run the same command again: it starts from the beginning"))
 
     def close(self) -> None:
@@ -346,7 +348,7 @@ def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
         for key in [*there, *(key for key in here if key not in there)]:
             name = f"{where}.{key}" if where else str(key)
             if key not in here or key not in there:
-                yield f"{name} is {'given' if key in there else 'not given'} there, and {'' if key in here else 'not '}here"
+                yield f"{name} is given {'there' if key in there else 'here'} only"
             else:
                 yield from _find_differences(there[key], here[key], name)
     elif isinstance(there, list) and isinstance(here, list):
