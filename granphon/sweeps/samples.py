@@ -76,8 +76,8 @@ class _SampleTask:
         simulation: Any = self.piece.medium
         packing, seed, loading = simulation.packing, simulation.seed_of(0), simulation.loading
         kind = PressedEquilibrium if loading else TrueEquilibrium if simulation.ratio else Equilibrium
-        given = {name: part[name] for name in _list_kept(kind)}
-        rest = kind(deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given)
+        given: dict[str, Any] = {name: part[name] for name in _list_kept(kind)}
+        rest: Any = kind(deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given)
         if loading is None:
             vars(rest)["_derivatives"] = tuple(part["derivatives"].tolist())
         sample = PressedSample(packing, seed, rest, loading.shear_response) if loading else Sample(packing, seed, rest)
