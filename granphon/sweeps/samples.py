@@ -107,4 +107,5 @@ def solve_state(
     parts = solve_all("simulation", tasks, executor, progress, store)
     medium: Any = rung.medium.of(rung.packing)
     samples = [task.restore(part) for task, part in zip(tasks, parts, strict=True)]
-    return replace(SimulatedState.of(medium, samples, rung.load.applied[0]), chosen=rung.chosen)
+    state = SimulatedState.of(medium, samples, rung.load.applied[0])
+    return replace(state, chosen=True) if rung.chosen else state
