@@ -19,6 +19,7 @@ import ase.io
 import numpy as np
 import pytest
 from conftest import only
+from numpy.testing import assert_array_equal
 from ruamel.yaml import YAML
 
 import granphon as gp
@@ -729,7 +730,7 @@ def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypa
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
         for words in (
-            "out/.granphon-sweep holds the finished part of another",
+            "out/.granphon-sweep holds the finished part of other work",
             "differ: force[1] is 3.16978638492",
             "--force",
         ):
@@ -961,11 +962,12 @@ def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsy
 SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples: 4}}")
 
 
-def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
+@pytest.mark.parametrize("more", ["", ", friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"])
+def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
     """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
     from granphon.sweeps.samples import _SampleTask
 
-    (work / "scene.yaml").write_text(SAMPLES)
+    (work / "scene.yaml").write_text(SAMPLES.replace("samples: 4", "samples: 4" + more))
     assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
     begun, solve = [], _SampleTask.solve
 
@@ -981,7 +983,7 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
     kept = "The finished parts are kept: run the same command again to continue."
     assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
     assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 2)
-    (work / "other.yaml").write_text(SAMPLES.replace("3 N", "4 N"))
+    (work / "other.yaml").write_text((work / "scene.yaml").read_text().replace("3 N", "4 N"))
     assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
     assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
     begun[:] = [""] * 3
@@ -995,24 +997,62 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
         assert (work / "two" / name).read_bytes() == (work / "whole" / name).read_bytes()
 
 
-@pytest.mark.parametrize("more", ["", ", geometry: exact", ", seed: 5, friction_history: true, friction_coefficient: 0.3"])
-def test_samples_solved_as_tasks_are_those_of_the_medium(more):
-    from granphon.sweeps.samples import has_sample_tasks, solve_state
+def test_what_is_no_mistake_in_the_scene_is_not_told_as_one(work, monkeypatch, capsys):
+    """A disk that is full in the midst of the samples of one state is not a load that the balls cannot carry."""
+    from granphon.sweeps import store
 
-    text = SAMPLES.replace("samples: 4", "samples: 2" + more)
-    scene = Scene.from_text(text.replace("packing: {", "packing: {finite_overlap: true, ") if "exact" in more else text)
-    assert has_sample_tasks(scene.rung) == ("history" not in more)
-    if "history" in more:
-        return
+    class Full(store.FileIO):
+        def write(self, data: bytes) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (work / "scene.yaml").write_text(SAMPLES)
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "FileIO", Full)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 1
+    told = (
+        "out/.granphon-sweep cannot be written: No space left on device. What was finished before is kept. Free some space"
+    )
+    assert capsys.readouterr().err.startswith(f"granphon: error: {told}, and run the same command again.")
+    assert not (work / "out").exists()
+    (work / "scene.yaml").write_text(SAMPLES.replace("force: 3 N", "overlap: -1.05 um"))
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 2
+    assert "found '-1.05 um'; allowed: a load that the balls can carry" in capsys.readouterr().err
+
+
+HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"
+
+
+@pytest.mark.parametrize(
+    ("packing", "medium"),
+    [
+        ("", "samples: 1"), ("finite_overlap: true, ", ", geometry: exact"),
+        ("", HISTORY + ", shear_response: partial_slip"),
+        ("finite_overlap: true, ", HISTORY + ", geometry: exact"),
+        pytest.param("lattice: fcc, ", ", shape: 2 2 2" + HISTORY, marks=pytest.mark.exhaustive),
+        ("equal", HISTORY), pytest.param("", HISTORY + ", start: gas", marks=pytest.mark.exhaustive),
+    ],
+)  # fmt: skip
+def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
+    from granphon.sweeps.samples import solve_state
+
+    text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
+    text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")
+    text = (
+        text.replace(", spread: {uniform: 2.04 um}", "") if packing == "equal" else text.replace("{diam", f"{{{packing}diam")
+    )
+    scene = Scene.from_text(text)
+    assert scene.has_tasks
     state, expected = solve_state(scene.rung, True), scene.state()
-    assert (state.force, state.overlap, state.exponent, state.exponent_error) == (
-        expected.force, expected.overlap, expected.exponent, expected.exponent_error,
-    )  # fmt: skip
-    assert state.medium == expected.medium
+    for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
+        assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
-        assert one.seed == other.seed
-        for name in ("elastic_tensor", "elastic_tensors_beside", "diameters", "contact_forces", "displacements"):
-            assert np.array_equal(getattr(one, name), getattr(other, name))
+        assert type(one) is type(other)
+        names = ["seed", "elastic_tensor", "diameters", "contact_forces", "displacements", "residual", "energy"]
+        names += ["elastic_tensors_beside"] * scene.packing.spread_matters
+        names += ["tangential_forces", "rotations", "work", "dissipated_energy"] * ("history" in medium)
+        for name in names:
+            assert_array_equal(getattr(one, name), getattr(other, name))
+        assert_array_equal(one.network.shear_stiffness, other.network.shear_stiffness)
 
 
 def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
@@ -1026,7 +1066,7 @@ def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, m
         assert main(["run", "one.yaml", "-o", "out", *option]) == 1
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
-        assert "out/.granphon-sweep holds the finished part of another sweep" in err
+        assert "out/.granphon-sweep holds the finished part of other work" in err
         assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
     assert main(["run", "one.yaml", "-o", "out", "--force", "-q"]) == 0
     assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
@@ -1059,7 +1099,7 @@ def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch,
 
     monkeypatch.setattr(Job, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "out has been removed while a sweep was writing into it" in capsys.readouterr().err
+    assert "out has been removed or replaced while it was written" in capsys.readouterr().err
     assert listed(work) == {"scene.yaml"}
 
 
@@ -1077,7 +1117,7 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
 
     monkeypatch.setattr(Job, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "out has been removed while a sweep was writing into it" in capsys.readouterr().err
+    assert "out has been removed or replaced while it was written" in capsys.readouterr().err
     assert listed(work / "out") == {"mine"}
 
 

@@ -876,7 +876,7 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
 def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
     scene = Scene.from_text(text)
     monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 4e8)
-    for name in ("granphon.scene.run.run", "granphon.scene.run._run_single"):
+    for name in ("granphon.scene.run.run", "granphon.scene.run._find_state"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
         scene.run(tmp_path / "out")

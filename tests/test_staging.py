@@ -236,6 +236,13 @@ def test_a_second_run_is_refused_and_the_lock_goes_with_the_first(tmp_path: Path
     put(tmp_path, a="a")
 
 
+def test_a_lock_that_is_removed_meanwhile_costs_nothing(tmp_path: Path) -> None:
+    with staging(tmp_path, ["a"]) as place:
+        (place / "a").write_text("a")
+        (tmp_path / LOCK).unlink()
+    assert tree(tmp_path) == {"a": "a"}
+
+
 def _contend(folder: Path, mark: str, start: multiprocessing.synchronize.Barrier, done: multiprocessing.Queue[str]) -> None:
     start.wait()
     try:

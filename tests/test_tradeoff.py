@@ -20,11 +20,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
 from granphon.cli.commands import main
 from granphon.cli.wording import describe_tradeoff
 from granphon.dynamics.local_field import local_field, local_field_on
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
+from granphon.sweeps.entries import read_entries
+from granphon.sweeps.store import Store, open_store
 from granphon.tradeoffs import disorder as disorder_module
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.disorder import Disorder
@@ -215,6 +217,65 @@ def test_studies_side_by_side_find_what_they_find_in_turn(clock):
         assert np.array_equal(one.errors, other.errors)
         assert one.seconds == pytest.approx(other.seconds, rel=1e-4)  # each look at the clock counts
     assert found.references == expected.references == {"one": "by hand", "two": "by hand"}
+
+
+@pytest.mark.parametrize("side_by_side", [False, True])
+def test_an_interrupted_trade_off_goes_on_from_its_finished_studies(clock, tmp_path, side_by_side):
+    """As often as it is interrupted, and within one budget; another one is refused, and none is left at the end."""
+
+    def make(interrupted=None):
+        asked = [
+            FakeStudy(clock, [("m", "a", seconds, 1e-2)], name=name)
+            for name, seconds in (("one", 2.0), ("two", 1.0), ("3", 1.0))
+        ]
+        for study in asked:
+            if study.name == interrupted:
+                study.find_reference = lambda *_: (_ for _ in ()).throw(KeyboardInterrupt())
+        return asked
+
+    def run(asked, budget=1000.0):
+        with ThreadPoolExecutor(1) if side_by_side else nullcontext() as executor, open_store(tmp_path / "store") as store:
+            given = {"executor": executor, "store": store, "identity": {"budget": budget}}
+            return measure(*asked, budget=budget, **given)
+
+    expected = run(make())
+    assert list(tmp_path.iterdir()) == []
+    done = set()
+    for name in ("two", "two"):
+        asked = make(name)
+        with pytest.raises(KeyboardInterrupt):
+            run(asked)
+        assert not [study.name for study in asked if study.solved and study.name in done]
+        done = {entry.rpartition("-")[2] for entry in dict(read_entries(tmp_path / "store"))}
+        assert ("one" in done, name in done) == (True, False)  # side by side the others may end before
+    with pytest.raises(FileExistsInRunError, match=r"budget is 1000\.0 there, and 5\.0 here"):
+        run(make(), 5.0)
+    asked = make()
+    found = run(asked)
+    assert {study.name for study in asked if not study.solved} == done
+    assert list(tmp_path.iterdir()) == []
+    assert [(p.study, p.method, p.knob, p.failure) for p in found.points] == [
+        (p.study, p.method, p.knob, p.failure) for p in expected.points
+    ]
+    assert_allclose(found.seconds, expected.seconds, rtol=1e-3)
+    assert found.references == expected.references
+
+
+def test_the_time_of_finished_studies_counts_for_the_budget(clock, tmp_path):
+    def make():
+        return [FakeStudy(clock, [("m", "a", 1.0, 1e-2)], name=name) for name in ("one", "two")]
+
+    store = Store(tmp_path / "store")
+    first = make()
+    first[1].make_points = lambda: (_ for _ in ()).throw(KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        measure(*first, budget=100.0, store=store)
+    clock.work(1000.0)  # between the two runs
+    again, begun = make(), clock.time
+    measure(*again, budget=100.0, store=store)
+    assert not again[0].solved
+    # one to warm up, five that are timed, each longer than the one before, and one whose memory is watched
+    assert_allclose(again[1].until - begun, 100.0 - (7 * 1.0 + 0.09 * (1 + 2 + 3 + 4 + 5)), atol=1e-3)
 
 
 def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
@@ -938,6 +999,28 @@ def test_a_command_writes_table_and_picture(work, capsys):
     assert (work / "out" / "tradeoff.csv").read_bytes() == before
     assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "1 ms", "-q", "--force"]) == 0
     assert (work / "out" / "tradeoff.csv").read_bytes() != before
+
+
+def test_a_command_that_was_cut_off_goes_on(work, capsys, monkeypatch):
+    def never(study, *_):
+        raise KeyboardInterrupt
+
+    command = ["tradeoff", "scene.yaml", "-o", "out", "--loads", "1", "-q", "--budget"]
+    with monkeypatch.context() as patch:
+        patch.setattr(GridStudy, "make_points", never)
+        assert main([*command, "200 ms"]) == 130
+    told = "no result was written. The finished parts are kept: run the same command again to continue."
+    assert capsys.readouterr().err == f"granphon: error: interrupted; {told}\n"
+    assert [path.name for path in (work / "out").iterdir()] == [".granphon-sweep"]
+    for other in ([*command, "300 ms"], ["run", "scene.yaml", "-o", "out"]):
+        assert main(other) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "out/.granphon-sweep holds the finished part of other work, which was interrupted" in err
+    with monkeypatch.context() as patch:
+        patch.setattr(MediaStudy, "make_points", never)  # it is finished
+        assert main([*command, "200 ms"]) == 0
+    assert sorted(path.name for path in (work / "out").iterdir()) == [".granphon-files", "tradeoff.csv", "tradeoff.png"]
 
 
 @pytest.mark.parametrize(

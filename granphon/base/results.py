@@ -19,8 +19,10 @@ __all__ = ["Result", "plain", "read_only", "restore"]
 
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
+#: types of values that plain data hold as they are
+_SCALARS = frozenset({str, float, int, bool, NoneType})
 #: types of most values in results, which are kept as they are
-_PLAIN = frozenset({str, float, int, bool, tuple, NoneType})
+_PLAIN = _SCALARS | {tuple}
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
@@ -199,6 +201,8 @@ def plain(value: Any) -> Any:
 
     Values of other kinds are returned as they are.
     """
+    if type(value) in _SCALARS:
+        return value
     if is_dataclass(value) and not isinstance(value, type):
         return {"class": _name_class(type(value)), **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):

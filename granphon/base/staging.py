@@ -142,7 +142,7 @@ class ResultFiles:
             place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
             yield place
             made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
-            self.require_free()
+            self._check()
             _exchange(place, target, made, [*self._stale, *(name for name in self.names if name not in made)])
         except OSError as error:
             raise _explain_failure(target, error) from None

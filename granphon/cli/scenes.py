@@ -12,7 +12,7 @@ import typer
 
 from granphon.base.errors import InputError, message
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
-from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
+from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_cost, describe_result, describe_scene
 
 __all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
@@ -23,8 +23,6 @@ PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membr
 _LONG = 10.0
 #: groups of the options of ``run`` in its help
 _FILES = "Files"
-#: what the message of an interruption adds if tasks have been finished
-_GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
 @command("init", rich_help_panel=SCENES)
@@ -141,7 +139,7 @@ def run_scene(
         if is_complete(read, out):
             return f"{out} holds the whole result of this scene."
         kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
-        return f"{NOTHING_WRITTEN} {_GO_ON}" if kept else NOTHING_WRITTEN
+        return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)
     require_workers(workers, scheduler)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +12,7 @@ import typer
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.text import show
 from granphon.cli.app import COMPARISONS, Force, SceneFile, Scheduler, Workers, command
-from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
+from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
@@ -182,7 +182,8 @@ def measure_tradeoff(
     effective medium, and the mesh of the density of states if the scene observes it. An error is that of the observed
     quantities, against a reference from another algorithm. A time is the median of warm runs, measured by the worker:
     --workers and --scheduler need an idle processor for each study. What does not fit into the budget is listed as not run.
-    The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
+    The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams. If the command is cut off, the studies that
+    are finished are kept in the folder, and the same command continues from there.
 
     \b
     Examples:
@@ -194,8 +195,10 @@ def measure_tradeoff(
     from granphon.base.validation import require
     from granphon.cli.wording import describe_tradeoff
     from granphon.fits.measurements import TIME
+    from granphon.scene.result_files import WORK_FILE
     from granphon.scene.scene import Scene
     from granphon.sweeps.schedulers import open_executor, require_workers
+    from granphon.sweeps.store import open_store
     from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
 
     require_name("--out", out)
@@ -208,11 +211,16 @@ def measure_tradeoff(
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
     given: dict[str, Any] = {load.kind: load.values, **_find_truth(scene, read).options}
-    with open_executor(workers, scheduler) as executor:
-        found = tradeoff(
-            read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds,
-            most_loads=loads, runs=runs, progress=on_stderr(quiet), executor=executor,
-        )  # fmt: skip
+    work = None if out is None else Path(out) / WORK_FILE
+    failures: dict[str, str] | None = None
+
+    def left() -> str:
+        """Describe what an interruption has left in the folder."""
+        if work is None:
+            return NOTHING_WRITTEN
+        if failures is not None:
+            return f"the result was written into {out}."
+        return f"{NOTHING_WRITTEN} {GO_ON}" if work.is_file() else NOTHING_WRITTEN
 
     def write(place: Path) -> None:
         (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
@@ -222,7 +230,17 @@ def measure_tradeoff(
 
         return tradeoff_figure(found)
 
-    failures = _write_study(files, write, figure)
+    with (
+        tell_interruption(left),
+        nullcontext() if files is None else files.open() as locked,
+        open_store(work, force) as store,
+    ):
+        with open_executor(workers, scheduler) as executor:
+            found = tradeoff(
+                read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds,
+                most_loads=loads, runs=runs, progress=on_stderr(quiet), executor=executor, store=store,
+            )  # fmt: skip
+        failures = {} if locked is None else _stage_study(locked, write, figure)
     with _tell_study(out, TRADEOFF_FILES, failures, quiet):
         warn(tuple(failures.values()))
         for line in () if quiet else describe_tradeoff(found, read.packing.structure.periods):
@@ -241,16 +259,22 @@ def _find_truth(scene: str, read: Scene) -> Truth:
 
 
 def _write_study(files: ResultFiles | None, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:
-    """Write the files into their folder, unless they are None.
+    """Write the files into their folder, unless they are None; returns what :func:`_stage_study` does."""
+    if files is None:
+        return {}
+    with files.open() as locked:
+        return _stage_study(locked, write, figure)
+
+
+def _stage_study(locked: ResultFiles, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:
+    """Write the files into their folder, which is locked.
 
     Returns, for the name of each figure that could not be drawn, the reason.
     """
-    if files is None:
-        return {}
     from granphon.figures.style import draw
 
-    drawn = [name for name in files.names if name.endswith(".png")]
-    with files.open(), files.staging(drawn) as place:
+    drawn = [name for name in locked.names if name.endswith(".png")]
+    with locked.staging(drawn) as place:
         write(place)
         return draw(figure, drawn, place)
 

@@ -8,10 +8,14 @@ from contextlib import contextmanager
 
 from granphon.base.errors import InputError, message
 
-__all__ = ["NOTHING_WRITTEN", "Interrupted", "fail", "require_name", "say", "say_table", "tell_interruption", "warn"]
+__all__ = [
+    "GO_ON", "NOTHING_WRITTEN", "Interrupted", "fail", "require_name", "say", "say_table", "tell_interruption", "warn",
+]  # fmt: skip
 
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
+#: what it adds if tasks have been finished
+GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:

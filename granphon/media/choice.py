@@ -289,7 +289,8 @@ class Rung:
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
-        return replace(self.medium.of(self.packing).at(load, finite_overlap=finite_overlap), chosen=self.chosen)
+        state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
+        return replace(state, chosen=True) if self.chosen else state
 
     @cached_property
     def errors(self) -> Array:

@@ -118,16 +118,17 @@ class LawMedium(Loaded[ContactState]):
 
         Also raise it if balls overlap by their diameter or more.
         """
-        diameter = self.packing.diameter
-        given = load.describe(self.packing.structure.periods)
+        diameter, periods = self.packing.diameter, self.packing.structure.periods
         with np.errstate(all="ignore"):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
         if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
-            raise InputError(message(f"{given} is too small or too large for double precision"))
+            raise InputError(message(f"{load.describe(periods)} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
-            what = f"{given} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
+            what = (
+                f"{load.describe(periods)} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
+            )
             why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
             mend = "Lower the load"
             modulus = self.packing.material.young_modulus

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -137,6 +137,20 @@ class Plan:
     def of(cls, scene: Scene, origin: Origin) -> Plan:
         """Make the plan of a scene, with all its parameters and loads."""
         return cls(scene, origin, tuple(Axis(*axis) for axis in scene.parameters), scene.load)
+
+    @contextmanager
+    def place_errors(self) -> Iterator[None]:
+        """Place an error of the block in the file, if it says which option of a medium or which load it is about."""
+        try:
+            yield
+        except GranphonError as error:
+            if error.option is not None:
+                with self.origin.at("medium"):
+                    raise
+            if error.load_index is None:
+                raise
+            with self.origin.at_load(self.load.kind, error.load_index):
+                raise
 
     @property
     def n_cases(self) -> int:

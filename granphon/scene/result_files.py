@@ -1,4 +1,27 @@
-"""The names of the files that a run writes."""
+"""The names of the files that a run writes.
+
+=====================  =====================================================================================
+file                   holds
+=====================  =====================================================================================
+scene.yaml             the scene with every default written out, in SI
+summary.yaml           the numbers, under the names of the library's attributes, with units, versions, warnings
+band.yaml              bands, phonopy's format with eigenvectors
+phonopy_params.yaml    force constants, for the phonopy command
+dos.csv                density of states
+sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
+sample_balls.csv       of a simulation with friction_history at one load: the network of the first sample, whose contacts
+sample_contacts.csv    have their normal and tangential forces
+forces.png             force chains of that sample, and the distribution of the forces in all samples
+bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
+sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
+sweep.png              of a sweep: velocities and exponents over the load, and the velocity of pulses
+sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
+sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
+sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
+spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
+diameters.csv          the measured diameters, if they are too many for scene.yaml
+=====================  =====================================================================================
+"""
 
 from __future__ import annotations
 

@@ -1,26 +1,6 @@
 """Running a scene: everything is computed first, and then written into one folder.
 
-=====================  =====================================================================================
-file                   holds
-=====================  =====================================================================================
-scene.yaml             the scene with every default written out, in SI
-summary.yaml           the numbers, under the names of the library's attributes, with units, versions, warnings
-band.yaml              bands, phonopy's format with eigenvectors
-phonopy_params.yaml    force constants, for the phonopy command
-dos.csv                density of states
-sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
-sample_balls.csv       of a simulation with friction_history at one load: the network of the first sample, whose contacts
-sample_contacts.csv    have their normal and tangential forces
-forces.png             force chains of that sample, and the distribution of the forces in all samples
-bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
-sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
-sweep.png              of a sweep: velocities and exponents over the load, and the velocity of pulses
-sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
-sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
-sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
-spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
-diameters.csv          the measured diameters, if they are too many for scene.yaml
-=====================  =====================================================================================
+The files are those of :mod:`granphon.scene.result_files`.
 """
 
 from __future__ import annotations
@@ -28,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -62,7 +41,7 @@ from granphon.scene.result_files import (
     wave_figures,
 )
 from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism
-from granphon.sweeps.samples import identify_state, solve_state
+from granphon.sweeps.samples import solve_state
 from granphon.sweeps.store import Store, open_store
 from granphon.sweeps.workers import packages
 from granphon.waves.settings import POLARISATIONS, WAVES
@@ -337,10 +316,9 @@ def run(
         if scene.is_sweep:
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
-            identity, tasks = identify_state(scene.rung, "velocities" in scene.observe) if scene.has_tasks else (None, [])
-            store.claim(identity, lambda: tasks)
+            state = _find_state(scene, progress, executor, store)
             with scene.plan.origin.where_it_buckles():
-                result = _run_single(scene, target, progress, executor, store)
+                result = _observe(scene, state, target, progress)
         used = versions("numpy", "scipy", *result.packages)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
@@ -378,30 +356,30 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
 
 
-def _run_single(scene: Scene, target: Path, progress: Progress, executor: Executor | None, store: Store) -> RunResult:
-    """Compute the result of a scene of one state; none of its files is written yet."""
-    rung = scene.rung
-    choice = rung.medium
+def _find_state(scene: Scene, progress: Progress, executor: Executor | None, store: Store) -> ContactState:
+    """Find the state of a scene that has one; the samples of a simulation are tasks, whose results the store keeps."""
+    if not scene.has_tasks:
+        store.claim(None)
+        return scene.state()
+    with scene.plan.place_errors():
+        return solve_state(scene.rung, "velocities" in scene.observe, executor, progress, store)
+
+
+def _observe(scene: Scene, state: ContactState, target: Path, progress: Progress) -> RunResult:
+    """Compute what a scene observes of its one state; none of the files is written yet."""
+    report = validity(state)
     velocities, constants = None, None
-    state: ContactState
-    if scene.has_tasks:
-        with scene.plan.case.at_load(0):
-            state = solve_state(rung, "velocities" in scene.observe, executor, progress, store)
-    with progress.step("simulation") if choice.simulates and not scene.has_tasks else nullcontext():
-        if not scene.has_tasks:
-            state = scene.state()
-        report = validity(state)
-        if "velocities" in scene.observe:
-            constants = moduli(state) if "longitudinal" in state.wave_names else None
-            velocities = Analysis(state, scene.direction).velocities
-            _ = state.exponent  # computed now, as a simulation solves two more equilibria for it: they belong to its step
+    if "velocities" in scene.observe:
+        constants = moduli(state) if "longitudinal" in state.wave_names else None
+        velocities = Analysis(state, scene.direction).velocities
     phonons, bands, dos = _compute_spectra(scene, state, progress)
     waves = None
     if state.samples and WAVE_FILES.keys() & set(scene.observe):
         from granphon.scene.sample_waves import find_sample_waves
 
         waves = find_sample_waves(scene, state, progress)
-    medium = choice.of(scene.packing)
+    rung = scene.rung
+    medium = rung.medium.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     load = scene.load.applied.kind
     automatic = rung if scene.media[0].is_automatic else None

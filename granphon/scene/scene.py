@@ -21,7 +21,7 @@ from granphon.balls.loads import Load, force_of_frame
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing
-from granphon.base.errors import GranphonError, InputError, Refused, message
+from granphon.base.errors import InputError, Refused, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, load_quantities
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
@@ -189,12 +189,8 @@ class Scene:
 
     @property
     def has_tasks(self) -> bool:
-        """Whether its work is cut into tasks, which can be done side by side: a sweep, or several samples of one state."""
-        if self.is_sweep:
-            return True
-        from granphon.sweeps.samples import has_sample_tasks
-
-        return has_sample_tasks(self.rung)
+        """Whether its work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
+        return self.is_sweep or self.rung.medium.simulates
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
@@ -265,16 +261,8 @@ class Scene:
         self.plan.require_waves()
         if "bands" in self.observe:
             options |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
-        try:
+        with self.plan.place_errors():
             return sweep_grid(self.plan.grid, progress=progress, executor=executor, **options)
-        except GranphonError as error:
-            if error.option is not None:
-                with self._origin.at("medium"):
-                    raise
-            if error.load_index is None:
-                raise
-            with self._origin.at_load(self.load.kind, error.load_index):
-                raise
 
     def _repr_html_(self) -> str:
         return write_scene(self)

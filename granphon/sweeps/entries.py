@@ -46,13 +46,12 @@ _CHUNK = 1_000_000
 
 def encode(name: str, part: TaskResult) -> bytes:
     """Return the entry of a result. Equal results give equal bytes."""
-    arrays = [np.ascontiguousarray(one) for one in part.values()]
-    layout = tuple((key, one.dtype.str, np.shape(part[key])) for key, one in zip(part, arrays, strict=True))
-    if wrong := [key for key, one in zip(part, arrays, strict=True) if one.dtype.kind not in _KINDS]:
-        raise TypeError(f"the array {wrong[0]!r} of a result holds {part[wrong[0]].dtype}")
+    layout = tuple([(key, one.dtype.str, one.shape) for key, one in part.items()])
     pieces = [f"{name}\n".encode(), _write_layout(layout)]
-    for one in arrays:
-        pieces += [one.tobytes(), bytes(-one.nbytes % _ALIGNMENT)]
+    for one in part.values():
+        pieces.append(one.tobytes())
+        if rest := one.nbytes % _ALIGNMENT:
+            pieces.append(bytes(_ALIGNMENT - rest))
     return wrap(b"".join(pieces))
 
 
@@ -63,6 +62,9 @@ def wrap(body: bytes) -> bytes:
 
 @lru_cache(1024)
 def _write_layout(layout: tuple[tuple[str, str, tuple[int, ...]], ...]) -> bytes:
+    for key, kind, _ in layout:
+        if kind[1] not in _KINDS:
+            raise TypeError(f"the array {key!r} of a result holds {np.dtype(kind)}")
     data = zlib.compress(json.dumps(layout).encode())
     return len(data).to_bytes(_LENGTH, "little") + data
 

@@ -193,11 +193,15 @@ def _start_tracker() -> None:
         return
     from multiprocessing import resource_tracker
 
-    sys.warnoptions.append("ignore:resource_tracker")  # processes are started with the options of this one
+    before = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (before, "ignore:resource_tracker")))
     try:
         resource_tracker.ensure_running()
     finally:
-        sys.warnoptions.pop()
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def _kill_workers(others: Container[Any]) -> None:

@@ -10,6 +10,7 @@ memory a data base cannot rely, and because one damaged page must not cost the o
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
@@ -18,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from granphon.base.errors import FileExistsInRunError, OutputError, message
 from granphon.base.text import show
@@ -28,7 +29,6 @@ from granphon.sweeps.entries import (
     MARK,
     TaskResult,
     decode,
-    encode,
     name_of,
     read_body,
     read_bytes_at,
@@ -37,7 +37,7 @@ from granphon.sweeps.entries import (
     wrap,
 )
 
-__all__ = ["Named", "Store", "open_store"]
+__all__ = ["Store", "open_store"]
 
 #: longest time for which entries are left to the system's memory before they are forced to the disk, s
 _SYNC_SECONDS = 1.0
@@ -45,15 +45,6 @@ _SYNC_SECONDS = 1.0
 _MOST_OUTDATED = 64_000_000
 #: largest number of differences between two works that a message names
 _MOST_NAMED = 3
-
-
-class Named(Protocol):
-    """Something whose result is kept under its name."""
-
-    @property
-    def name(self) -> str:
-        """The name: one line, not empty; nothing with another result has it."""
-        ...
 
 
 # -- the store ------------------------------------------------------------------------------------------------------
@@ -103,9 +94,9 @@ class Store:
             if not self.force:
                 raise FileExistsInRunError(
                     message(
-                        f"{self.path} holds the finished part of another sweep, which was interrupted",
+                        f"{self.path} holds the finished part of other work, which was interrupted",
                         _explain_difference(before, mine),
-                        "Run that sweep again to continue it, use --force (force=True, overwrite=True) to discard what it "
+                        "Repeat that command to continue it, use --force (force=True, overwrite=True) to discard what it "
                         "has finished, or choose another folder",
                     )
                 )
@@ -113,45 +104,42 @@ class Store:
         if identity is not None:
             self._pending = b"" if before == mine else f"{IDENTITY}\n{text}".encode()
 
-    def __contains__(self, task: Named) -> bool:
-        return task.name in (self._held if self.path is None else self._list())
+    def __contains__(self, name: str) -> bool:
+        return name in (self._held if self.path is None else self._list())
 
-    def read(self, task: Named) -> TaskResult | None:
-        """Return the result of ``task`` or of its first steps; None if there is none, or it is damaged."""
+    def read(self, name: str) -> TaskResult | None:
+        """Return the result of the task of this name or of its first steps; None if there is none, or it is damaged."""
         if self.path is None:
-            entry = self._held.get(task.name)
+            entry = self._held.get(name)
             return None if entry is None else decode(entry)
-        place = self._list().get(task.name)
+        place = self._list().get(name)
         if place is None:
             return None
         with suppress(OSError):
             stream = self._open(writing=False)
             body = read_body(stream, place[0], sum(place))
-            if body is not None and name_of(body) == task.name:
+            if body is not None and name_of(body) == name:
                 return read_part(body)
         return None
 
-    def write(self, task: Named, part: TaskResult) -> None:
-        """Keep the result of ``task``, or of its first steps; raises as :meth:`append` does."""
-        self.append(task, encode(task.name, part))
+    def append(self, name: str, entry: bytes) -> None:
+        """Keep the result of the task of this name, as :func:`~granphon.sweeps.entries.encode` has written it.
 
-    def append(self, task: Named, entry: bytes) -> None:
-        """Keep the result of ``task`` as :func:`encode` has written it: once this returns, a kill does not lose it.
+        Once this returns, a kill does not lose it.
 
         Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or has been removed or replaced:
         only the process that has locked its folder may write there.
         """
         if self.path is None:
-            self._held[task.name] = entry
+            self._held[name] = entry
             return
         places = self._list()
         stream = self._open(writing=True)
-        if self._pending:
-            self._put(stream, wrap(self._pending))
-            self._before, self._pending = self._pending, b""
-        place = self._put(stream, entry)
-        self._outdated += places[task.name][1] if task.name in places else 0
-        places[task.name] = (place, len(entry))
+        whose = wrap(self._pending) if self._pending else b""  # in one write: no file holds the identity of work alone
+        place = self._put(stream, whose + entry) + len(whose)
+        self._before, self._pending = self._pending or self._before, b""
+        self._outdated += places[name][1] if name in places else 0
+        places[name] = (place, len(entry))
         if self._outdated > max(_MOST_OUTDATED, self._end - self._outdated):
             self._write_anew()
         elif (now := time.monotonic()) - self._synced > _SYNC_SECONDS:
@@ -201,14 +189,11 @@ class Store:
                 self._places[name] = (place, length)
             start = read_bytes_at(stream, 0, 1_000_000)
         except OSError as error:
-            raise self._explain(error) from None
+            raise self._explain(error, "read") from None
         if not self._end and start.strip(b"\0") and not start.startswith(MARK[: len(start)]):
             self.close()
-            what, why = (
-                f"{self.path} is no store of a sweep",
-                "The finished parts of a sweep are kept in a file of that name",
-            )
-            raise OutputError(message(what, why, "Move it away, or choose another folder"))
+            newer = start.startswith(MARK.rstrip(b"\0"))
+            raise self._explain_stranger("of another version of granphon" if newer else "no store of a sweep")
         return self._places
 
     def _check(self) -> bool:
@@ -218,7 +203,7 @@ class Store:
         except FileNotFoundError:
             return False
         except OSError as error:
-            raise self._explain(error) from None
+            raise self._explain(error, "read") from None
         if not stat.S_ISREG(found.st_mode):
             kinds = {stat.S_IFLNK: "a symbolic link", stat.S_IFDIR: "a folder"}
             raise self._explain_stranger(kinds.get(stat.S_IFMT(found.st_mode), "not a file"))
@@ -238,7 +223,7 @@ class Store:
         except FileNotFoundError:
             raise self._explain_loss() from None
         except OSError as error:
-            raise self._explain(error) from None
+            raise self._explain(error, "written" if writing else "read") from None
         self._stream = FileIO(descriptor, "a+" if writing else "r")
         if writing and os.fstat(descriptor).st_size > self._end:
             os.ftruncate(descriptor, self._end)
@@ -273,14 +258,19 @@ class Store:
         why = "The finished parts of a sweep are kept in a file of that name"
         return OutputError(message(f"{self.path} is {kind}", why, "Move it away, or choose another folder"))
 
-    def _explain(self, error: OSError) -> OutputError:
+    def _explain(self, error: OSError, done: str = "written") -> OutputError:
         if isinstance(error, OutputError):
             return error
-        return OutputError(message(f"{self.path} cannot be written: {error.strerror or error}"))
+        what, why = f"{self.path} cannot be {done}: {error.strerror or error}", "What was finished before is kept"
+        mend = f"Run the same command again when it can be {done}"
+        if error.errno == errno.ENOSPC:
+            mend = "Free some space, and run the same command again"
+        return OutputError(message(what, why, mend))
 
     def _explain_loss(self) -> OutputError:
         home = Path(str(self.path)).parent
-        what, why = f"{home} has been removed while a sweep was writing into it", "The parts that it had finished are gone"
+        lost = self.path if self._home in (None, _identify_folder(home)) else home
+        what, why = f"{lost} has been removed or replaced while it was written", "The parts that were finished are not there"
         return OutputError(message(what, why, "Run the same command again: it starts from the beginning"))
 
     def close(self) -> None:
@@ -358,7 +348,7 @@ def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
         for key in [*there, *(key for key in here if key not in there)]:
             name = f"{where}.{key}" if where else str(key)
             if key not in here or key not in there:
-                yield f"{name} is {'given' if key in there else 'not given'} there, and {'' if key in here else 'not '}here"
+                yield f"{name} is given {'there' if key in there else 'here'} only"
             else:
                 yield from _find_differences(there[key], here[key], name)
     elif isinstance(there, list) and isinstance(here, list):

@@ -190,7 +190,7 @@ def solve_all(
 
 def _read(task: Task, store: Store) -> TaskResult:
     """Return the result of a finished task; if it has been damaged meanwhile, it is found again."""
-    part = store.read(task)
+    part = store.read(task.name)
     while part is None or task.done(part) < task.steps:
         part = task.solve(part)
     return part
@@ -213,7 +213,7 @@ class _Work:
         self._losses = Counter[int]()
         found = 0
         for index, task in enumerate(tasks):
-            part = store.read(task) if task in store else None
+            part = store.read(task.name) if task.name in store else None
             steps = 0 if part is None else task.done(part)
             found += steps
             if part is None or steps < task.steps:
@@ -230,7 +230,7 @@ class _Work:
                 part = task.solve(part)
                 entry = encode(task.name, part)
                 try:
-                    self.store.append(task, entry)
+                    self.store.append(task.name, entry)
                     self.step.advance()
                 except BaseException:
                     self._rescue(index, entry)
@@ -239,7 +239,7 @@ class _Work:
     def _rescue(self, index: int, entry: bytes) -> None:
         """Keep a result that was finished when an error or an interruption came."""
         with suppress(OutputError):  # this may be the very error that is being raised
-            self.store.append(self.tasks[index], entry)
+            self.store.append(self.tasks[index].name, entry)
 
     def run_side_by_side(self, executor: Executor) -> None:
         """Have the tasks done side by side, in batches of which a few are under way for each worker."""
@@ -310,7 +310,7 @@ class _Work:
     def _keep(self, indices: Sequence[int], done: Sequence[Done]) -> None:
         """Keep what a batch has brought, and put back what is left of it."""
         for index, one in zip(indices, done, strict=False):
-            self.store.append(self.tasks[index], one.entry)
+            self.store.append(self.tasks[index].name, one.entry)
         self.left.extendleft(reversed(indices[len(done) :]))
         for index, one in zip(indices, done, strict=False):
             task, part = self.tasks[index], self.begun.pop(index, None)

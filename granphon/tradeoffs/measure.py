@@ -1,18 +1,20 @@
 """Measure speed against accuracy: time and error of each medium, and of each knob inside one.
 
-The studies (:mod:`granphon.tradeoffs.questions`) are carried out one after the other within a budget of time. Each point of
-a study is timed several times after a run to warm up, and its error is that of the quantities that a scene observes.
+The studies (:mod:`granphon.tradeoffs.questions`) are tasks (:mod:`granphon.sweeps.tasks`) that share a budget of time. Those
+that are finished are kept, and an interrupted trade-off continues from them. Each point of a study is timed several times
+after a run to warm up, and its error is that of the quantities that a scene observes.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import statistics
 import tracemalloc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -29,7 +31,10 @@ from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.accuracy import read_truth
 from granphon.sweeps.entries import TaskResult
+from granphon.sweeps.jobs import to_json
+from granphon.sweeps.store import Store
 from granphon.sweeps.tasks import solve_all
+from granphon.sweeps.workers import packages
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import NOT_MEASURED, SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
@@ -135,7 +140,7 @@ class TradeOff(Result):
     observed : for each study, the names of the quantities whose errors were measured, in the order of the errors.
     references : for each study, how its reference was made.
     runs : number of timed runs of each point.
-    seconds : time that all studies took, s.
+    seconds : time that all studies took together, s.
     budget : time that they could take, s.
     """
 
@@ -201,6 +206,7 @@ def tradeoff(
     progress: Progress = silent,
     stopwatch: Stopwatch = SECONDS,
     executor: Executor | None = None,
+    store: Store | None = None,
 ) -> TradeOff:
     """Measure time and error of the media, and of the knobs inside them.
 
@@ -223,6 +229,8 @@ def tradeoff(
         of seconds.
     executor : does the studies side by side, each a task that measures time where it runs, in its part of the budget. Times
         are those of machines that do nothing else.
+    store : where finished studies are kept. Those that it holds of the same trade-off are used, and count for the budget;
+        the caller clears it.
 
     Returns
     -------
@@ -235,6 +243,7 @@ def tradeoff(
         overlap, where media have no reference; equal balls on a line or in space, where densities of states have none
         either; a history without a friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, an
         unknown word in ``observe``.
+    FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a sweep.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
@@ -250,7 +259,11 @@ def tradeoff(
     elif loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
     asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch, against)
-    return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor)
+    identity = {
+        "trade-off of": packing, load.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
+        "against": against.told, "budget": budget, "runs": runs, "versions": packages(),
+    }  # fmt: skip
+    return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
 
 
 def carry_out(
@@ -261,54 +274,61 @@ def carry_out(
     progress: Progress = silent,
     stopwatch: Stopwatch = SECONDS,
     executor: Executor | None = None,
+    store: Store | None = None,
+    identity: Mapping[str, Any] | None = None,
 ) -> TradeOff:
     """Carry out studies of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it).
 
-    They are done one after the other, or side by side by an ``executor``.
+    They are done one after the other, or side by side by an ``executor``. Finished ones are kept in a ``store``, which is
+    claimed for the ``identity`` of the trade-off: plain data that say which it is.
     """
-    begun = stopwatch.now()
-    points: list[MeasuredPoint] = []
-    references: dict[str, str] = {}
-    if executor is not None:
-        parts = [_FOR_FIRST, *[(1.0 - _FOR_FIRST) / (len(studies) - 1)] * (len(studies) - 1)] if studies[1:] else [1.0]
-        tasks = [_StudyTask(study, part * budget, runs, stopwatch) for study, part in zip(studies, parts, strict=True)]
-        for study, found in zip(studies, solve_all("trade-off", tasks, executor, progress), strict=True):
-            points += [MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist()]
-            references.update((study.name, made) for made in found["made"].tolist())
-    for place, study in enumerate(studies if executor is None else ()):
-        # the others share the rest evenly; what a study leaves of its part is for those after it
-        now = stopwatch.now()
-        part = _FOR_FIRST if place == 0 and len(studies) > 1 else 1.0 / (len(studies) - place)
-        deadline = Deadline(stopwatch, now + part * (begun + budget - now))
-        points += _carry_out_one(study, deadline, runs, progress, references)
+    key = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    others = len(studies) - 1
+    parts = [_FOR_FIRST, *[(1.0 - _FOR_FIRST) / others] * others] if others else [1.0]
+    tasks = [
+        _StudyTask(study, f"study-{key}-{study.name}", part * budget, runs, stopwatch)
+        for study, part in zip(studies, parts, strict=True)
+    ]
+    if store is not None:
+        store.claim(identity, lambda: [task.name for task in tasks])
+    found = [] if executor is None else solve_all("trade-off", tasks, executor, progress, store)
+    for place, task in enumerate(tasks if executor is None else ()):
+        # what a study leaves of its part is for those after it
+        left, planned = budget - _add_times(found), sum(one.seconds for one in tasks[place:])
+        own = replace(task, seconds=left * task.seconds / planned, progress=progress)
+        found += solve_all(task.where, [own], store=store)
+    points = [MeasuredPoint.from_dict(json.loads(text)) for part in found for text in part["points"].tolist()]
+    references = {study.name: made for study, part in zip(studies, found, strict=True) for made in part["made"].tolist()}
     observed = {study.name: study.observed for study in studies}
-    taken = stopwatch.now() - begun
-    return TradeOff(tuple(points), kind, studies[0].loads, observed, references, runs, taken, float(budget))
+    return TradeOff(tuple(points), kind, studies[0].loads, observed, references, runs, _add_times(found), float(budget))
+
+
+def _add_times(found: Sequence[TaskResult]) -> float:
+    """Return the time that finished studies took together, s."""
+    return float(sum(part["seconds"].item() for part in found))
 
 
 @dataclass(frozen=True, eq=False)
 class _StudyTask:
-    """A study with the time that it may take, s, as a task; its result holds the points as JSON texts."""
+    """A study with the time that it may take, s, as a task; its result holds the points as JSON texts, and its time."""
 
     study: Study
+    name: str
     seconds: float
     runs: int
     stopwatch: Stopwatch
+    progress: Progress = silent
 
     steps: ClassVar[int] = 1
     memory: ClassVar[float] = 0.0
 
     @property
-    def name(self) -> str:
+    def where(self) -> str:
         return f"study {self.study.name}"
 
     @property
-    def where(self) -> str:
-        return self.name
-
-    @property
     def kind(self) -> str:
-        return self.name
+        return self.where
 
     def done(self, part: TaskResult) -> int:
         return 1
@@ -316,10 +336,12 @@ class _StudyTask:
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Carry out the study from now on."""
         references: dict[str, str] = {}
-        deadline = Deadline(self.stopwatch, self.stopwatch.now() + self.seconds)
-        points = _carry_out_one(self.study, deadline, self.runs, silent, references)
-        texts = [json.dumps(point.to_dict()) for point in points]
-        return {"points": np.array(texts, str), "made": np.array(list(references.values()), str)}
+        start = self.stopwatch.now()
+        deadline = Deadline(self.stopwatch, start + self.seconds)
+        points = _carry_out_one(self.study, deadline, self.runs, self.progress, references)
+        texts, made = [json.dumps(point.to_dict()) for point in points], list(references.values())
+        taken = self.stopwatch.now() - start
+        return {"points": np.array(texts, str), "made": np.array(made, str), "seconds": np.array(taken)}
 
 
 class _Runs(NamedTuple):
