@@ -96,7 +96,7 @@ def test_tangent_is_the_derivative(numbers, h0, h1, mu, given_overlap):
         after, _ = law.advance(before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], guess)
         return np.append(after.forces, after.shears)
 
-    tangent = law.advance(before, np.array([h1]), s[:, None], guess)[1]
+    tangent = law.advance(before, np.array([h1]), s[:, None], guess)[1]()
     normal, shear = tangent.apply(np.array([-0.7]), way[:, None])
     expected = (forces(e) - forces(-e)) / (2.0 * e)
     np.testing.assert_allclose(np.append(-normal, shear), expected, rtol=0.0, atol=1e-5 * (1.0 + np.max(np.abs(expected))))

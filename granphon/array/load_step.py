@@ -168,7 +168,7 @@ class LoadStep:
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
         slips = place.slips(self._place, self._here.contacts.slips)
-        contacts, tangent = self._law.advance(self._here.contacts, place.overlaps, slips, guess)
+        contacts, linearise = self._law.advance(self._here.contacts, place.overlaps, slips, guess)
         forces, load, stencils = contacts.forces, self._load, self._stencils
         force = float(np.mean(forces))
         pull = place.pull(*self._resist(contacts, overlap))
@@ -184,7 +184,7 @@ class LoadStep:
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
         left = math.sqrt(square) / scale if scale < math.inf else math.inf
-        return Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
+        return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
