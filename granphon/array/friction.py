@@ -158,37 +158,36 @@ class FrictionLaw:
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are those that the guess gives. The
         forces are then derivatives of a convex energy, and the tangent is symmetric.
         """
-        mu, contacts = self.friction_coefficient, Contacts(overlaps, slips, np.empty_like(slips))
+        mu, contacts = self.friction_coefficient, Contacts(overlaps, slips, np.empty(slips.shape))
         held, new = (overlaps, contacts.roots) if guess is None else (guess, np.sqrt(np.maximum(guess, 0.0)))
         springs = self._bend(before, held, new, slips, contacts.shears)
-        slide: tuple[NDArray[np.intp], ...] = ()
+        slide = np.empty(0, np.intp)
         if mu < math.inf:
             size, limit = _norm(contacts.shears), mu * (contacts.forces if guess is None else new * new * new)
-            slide = np.nonzero(size > limit)
-            sliding = contacts.shears[:, *slide] / size[slide]
-            share = limit[slide] / size[slide]
-            contacts.shears[:, *slide] *= share
+            slide = np.flatnonzero(size > limit)
+            shears = contacts.shears.reshape(len(slips), -1)
+            sliding, share = shears[:, slide] / size.take(slide), limit.take(slide) / size.take(slide)
+            shears[:, slide] *= share
 
         def linearise() -> Tangent:
             stiffness, shear = 1.5 * contacts.roots, springs
-            directions, coupling = np.zeros_like(slips), np.zeros_like(slips)
-            if guess is None:
-                coupling = self._couple(before, contacts)
-            if slide:
+            directions = np.zeros_like(contacts.shears)
+            coupling = self._couple(before, contacts) if guess is None else np.zeros_like(directions)
+            if len(slide):
                 shear = springs.copy()
-                shear[slide] *= share
-                directions[:, *slide] = sliding
-                if guess is None:
-                    part = coupling[:, *slide]
-                    along = np.sum(sliding * part, axis=0)
-                    coupling[:, *slide] = share * (part - along * sliding) + mu * stiffness[slide] * sliding
+                shear.reshape(-1)[slide] *= share
+                directions.reshape(len(slips), -1)[:, slide] = sliding
+            if len(slide) and guess is None:
+                flat = coupling.reshape(len(slips), -1)
+                part = flat[:, slide] - np.sum(sliding * flat[:, slide], axis=0) * sliding
+                flat[:, slide] = share * part + mu * stiffness.take(slide) * sliding
             return Tangent(stiffness, shear, coupling, directions)
 
         return contacts, linearise
 
     def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
         """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
-        new, shears = np.sqrt(np.maximum(overlaps, 0.0)), np.empty_like(slips)
+        new, shears = np.sqrt(np.maximum(overlaps, 0.0)), np.empty(slips.shape)
         springs = self._bend(before, overlaps, new, slips, shears)
         return shears, springs, self.friction_coefficient * new * new * new
 
@@ -202,9 +201,9 @@ class FrictionLaw:
         total = np.maximum(less + new, _TINY)
         springs: Array = self.mindlin_ratio * (total - less * new / total)
         # a contact that closes in the step: only the part of the step after it has closed counts
-        opens = np.nonzero((old == 0.0) & (new > 0.0))
-        if len(opens[0]):
-            springs[opens] = self.mindlin_ratio * new[opens] ** 3 / (overlaps[opens] - before.overlaps[opens])
+        opens = np.flatnonzero((old == 0.0) & (new > 0.0))
+        force = self.mindlin_ratio * new.take(opens) ** 3
+        springs.reshape(-1)[opens] = force / (overlaps.take(opens) - before.overlaps.take(opens))
         np.multiply(springs, slips - before.slips, out=shears)
         shears += less * before.bent
         return springs
@@ -215,10 +214,9 @@ class FrictionLaw:
         falls, over = new < old, np.divide(1.0, new, out=np.zeros_like(new), where=new > 0.0)
         total = np.maximum(old + new, _TINY)
         slope = np.where(falls, 0.75 * over, (0.5 + 0.5 * old / total) / total) * (new > 0.0)
-        opens = np.nonzero((old == 0.0) & (new > 0.0))
-        if len(opens[0]):
-            width, root = after.overlaps[opens] - before.overlaps[opens], new[opens]
-            slope[opens] = (1.5 * root - root**3 / width) / width
+        opens = np.flatnonzero((old == 0.0) & (new > 0.0))
+        width, root = after.overlaps.take(opens) - before.overlaps.take(opens), new.take(opens)
+        slope.reshape(-1)[opens] = (1.5 * root - root**3 / width) / width
         return self.mindlin_ratio * slope * (after.slips - before.slips) + 0.5 * falls * over * before.bent
 
     def mobilise(self, contacts: Contacts) -> Array:
@@ -249,7 +247,7 @@ class FrictionLaw:
         old, new = before.roots, after.roots
         slid = 0.0
         if mu < math.inf:
-            shears = np.empty_like(after.shears)
+            shears = np.empty(after.shears.shape)
             springs = self._bend(before, after.overlaps, new, after.slips, shears)
             slip = np.divide(_norm(shears - after.shears), springs, out=np.zeros_like(new), where=springs > 0.0)
             slid = float(np.mean(0.5 * mu * (before.forces + after.forces) * slip))
