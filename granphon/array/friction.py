@@ -194,7 +194,7 @@ class FrictionLaw:
     def _bend(self, before: Contacts, overlaps: Array, new: Array, slips: Array, shears: Array) -> Array:
         """Write the tangential forces if nothing slid in a step, and return the stiffness that slip meets.
 
-        That is eta times the mean of k while h rises, and k at the end where it falls. ``new`` are the roots of the overlaps.
+        That is eta times the mean of k while h rises, and k at the end where it falls. ``new`` are roots of the overlaps.
         """
         old = before.roots
         less = np.minimum(old, new)  # where h falls, as if it had been at its end before

@@ -1,8 +1,8 @@
 """One step of a loading history: Newton's method for the balance of forces and torques under the law of the contacts.
 
 The linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts slide, or where the shear
-stiffness changes with the overlap. GMRES solves them, preconditioned by Green's function of the lattice, in single
-precision and no more accurately than the step needs.
+stiffness changes with the overlap. GMRES solves them, preconditioned by each ball's own inverse and then
+Green's function of the lattice, in single precision and no more accurately than the step needs.
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method would turn it without limit.
 Such balls are turned by themselves after the step, to where their torques vanish while all others are held: the torque is a
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.geometry import Geometry, Place
+from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.geometry import Geometry, Inverse, Place, multiply
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
 from granphon.array.residuals import Single, solve_by_minimal_residuals
@@ -194,11 +194,9 @@ class LoadStep:
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
-        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
-        single: Single = stiffnesses.astype(np.float32)
         hard = self._wasted >= _WASTE
         self._factorised |= hard  # factors then serve for the rest of the step
-        inverse = self._inverses.choose(single, hard) if self._factorised else stencils.preconditioner(single)
+        inverse = self._invert(tangent, hard)
         held = np.float32(1.0 / tangent.stiffness.size)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
 
@@ -218,6 +216,28 @@ class LoadStep:
         if self._factorised:
             self._inverses.count(taken)
         return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
+
+    def _invert(self, tangent: Tangent, hard: bool) -> Inverse:
+        """Return an approximate inverse of C^T D C, new factors of it if it is ``hard``.
+
+        It moves each ball as if its neighbours were held, and then all by Green's function under what that leaves.
+        """
+        stencils = self._stencils
+        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
+        springs: Single = stiffnesses.astype(np.float32)
+        if self._factorised:
+            return self._inverses.choose(springs, hard)
+        mean = float(np.mean(springs[: stencils.n_contacts]))
+        relax, carry = stencils.relax(springs), stencils.carry(springs.dtype, mean)
+        product = multiply(stencils, tangent)
+
+        def apply(force: Single) -> Single:
+            motion = np.zeros_like(force)
+            relax(force, motion)
+            motion += carry(force - product(motion, 0.0)[0])
+            return motion
+
+        return apply
 
     def _shorten(self, found: Array, trial: Trial) -> Array:
         """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.green import ArrayRow, green_function
+from granphon.array.green import ArrayRow, green_function, green_inverse
 from granphon.array.local_inverse import invert_blocks
 from granphon.array.rooms import Rooms
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -356,45 +356,48 @@ class Stencils:
         (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand. Where contacts are nearly alike, Green's
         function alone is as good. The inverse is as precise as the stiffness, single or double.
         """
-        from scipy import fft  # imported here: media that are not simulated do not need it
-
         normal = stiffness[: self.n_contacts]
-        mean, local = float(np.mean(normal)), []
-        if float(np.std(normal)) > _UNEVEN * mean:
-            rooms = self.rooms.fill(stiffness) if springs is None else springs
-            for fields in self._groups:
-                local.append((fields, invert_blocks(self._rows, self.rooms, fields, rooms, _LEAST_LOCAL * mean)))
-        # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
-        # parts of waves, which follow each other in memory
-        real = self.n_balls == 1
-        precision = np.result_type(stiffness.dtype, 1.0 if real else 1j)
-        turning = self.motions.turning if real else slice(0, 0)
-        if precision not in self._found:
-            green = np.array(self._green).astype(precision)
-            self._found[precision] = np.repeat(green, 2, axis=-1) if real else green
-        green, over = self._found[precision], precision.type(1.0 / mean)
-        axes = tuple(range(1, len(self.shape) + 1))
+        mean = float(np.mean(normal))
+        carry = self.carry(stiffness.dtype, mean)
+        if float(np.std(normal)) <= _UNEVEN * mean:
+            return carry
+        relax = self.relax(stiffness, springs)
 
         def apply(force: Array) -> Array:
-            waves = fft.rfft(force, axis=axes[-1], workers=self.workers)
-            for axis in axes[:-1]:
-                waves = fft.fft(waves, axis=axis, workers=self.workers, overwrite_x=True)
-            for rows in self.blocks(self.n_fields) if len(axes) > 1 else [slice(None)]:
-                parts = waves[:, rows]
-                parts[turning] *= -1j
-                plain = parts.view(precision)
-                np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
-                parts[turning] *= 1j
-            # transform one axis after the other: all at once would allocate another array of waves
-            for axis in axes[:-1]:
-                waves = fft.ifft(waves, axis=axis, workers=self.workers, overwrite_x=True)
-            out: Array = fft.irfft(waves, self.shape[-1], axis=axes[-1], workers=self.workers)
-            for rows in self.blocks(self.n_fields):
-                for fields, block in local:
-                    out[fields, rows] += np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+            out = carry(force)
+            relax(force, out)
             return out
 
         return apply
+
+    def carry(self, precision: DTypeLike, stiffness: float) -> Callable[[Array], Array]:
+        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function."""
+        # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
+        # parts of waves, which follow each other in memory
+        real = self.n_balls == 1
+        kind = np.result_type(precision, 1.0 if real else 1j)
+        if kind not in self._found:
+            green = np.array(self._green).astype(kind)
+            self._found[kind] = np.repeat(green, 2, axis=-1) if real else green
+        turning = self.motions.turning if real else slice(0, 0)
+        blocks = list(self.blocks(self.n_fields)) if len(self.shape) > 1 else [slice(None)]
+        return green_inverse(self._found[kind], kind.type(1.0 / stiffness), turning, self.shape, blocks, self.workers)
+
+    def relax(self, stiffness: Array, springs: Array | None = None) -> Callable[[Array, Array], None]:
+        """Return what adds to ``out`` the motion of each ball under a ``force`` while its neighbours are held.
+
+        Displacements and rotations are taken apart; see :meth:`preconditioner` for the arguments.
+        """
+        least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
+        rooms = self.rooms.fill(stiffness) if springs is None else springs
+        local = [(fields, invert_blocks(self._rows, self.rooms, fields, rooms, least)) for fields in self._groups]
+
+        def add(force: Array, out: Array) -> None:
+            for rows in self.blocks(self.n_fields):
+                for fields, block in local:
+                    out[fields, rows] += np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+
+        return add
 
     @cached_property
     def _groups(self) -> list[slice]:
