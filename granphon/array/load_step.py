@@ -227,6 +227,8 @@ class LoadStep:
         springs: Single = stiffnesses.astype(np.float32)
         if self._factorised:
             return self._inverses.choose(springs, hard)
+        if self._drag:  # where few balls touch, Green's function would carry on what each ball's own motion leaves too far
+            return stencils.preconditioner(springs)
         mean = float(np.mean(springs[: stencils.n_contacts]))
         relax, carry = stencils.relax(springs), stencils.carry(springs.dtype, mean)
         product = multiply(stencils, tangent)
