@@ -122,7 +122,9 @@ class LoadStep:
             way, taken = self._direct(trial, hold)
             new, length = self._search(trial, way, guess, slow)
             slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
-            new = self._turn_loose(new, guess)
+            turned = self._turn_loose(new, guess)
+            # where contacts of turned balls change, this may undo the step, and again after the next one
+            new = turned if turned.size <= trial.size else new
             trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
                 break
