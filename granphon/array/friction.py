@@ -210,14 +210,17 @@ class FrictionLaw:
 
     def _couple(self, before: Contacts, after: Contacts) -> Array:
         """Return the derivatives of the tangential forces with respect to h if nothing slid in a step."""
-        old, new = before.roots, after.roots
-        falls, over = new < old, np.divide(1.0, new, out=np.zeros_like(new), where=new > 0.0)
-        total = np.maximum(old + new, _TINY)
-        slope = np.where(falls, 0.75 * over, (0.5 + 0.5 * old / total) / total) * (new > 0.0)
+        old, new, eta = before.roots, after.roots, self.mindlin_ratio
+        less = np.minimum(old, new)
+        over = np.divide(1.0, less + new, out=np.zeros_like(new), where=new > 0.0)
+        slope: Array = (0.5 * eta) * (1.0 + less * over) * over
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         width, root = after.overlaps.take(opens) - before.overlaps.take(opens), new.take(opens)
-        slope.reshape(-1)[opens] = (1.5 * root - root**3 / width) / width
-        return self.mindlin_ratio * slope * (after.slips - before.slips) + 0.5 * falls * over * before.bent
+        slope.reshape(-1)[opens] = eta * (1.5 * root - root**3 / width) / width
+        coupling: Array = slope * (after.slips - before.slips)
+        # where h falls, the stiffness does as k does at the end, twice as fast, and what T was before in proportion
+        coupling += (new < old) * (coupling + over * before.bent)
+        return coupling
 
     def mobilise(self, contacts: Contacts) -> Array:
         """Return (n_c, L1, ..., Lp) |T| over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.

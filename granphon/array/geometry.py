@@ -184,11 +184,11 @@ def multiply(stencils: Stencils, tangent: Tangent) -> Product:
             if press:
                 rows[:n] -= np.float32(press)
             loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
-            change = springs[..., part] * slips
-            change -= coupling[..., part] * loss
+            change = coupling[..., part] * loss
             if len(cross):
-                change -= cross[..., part] * slips[::-1]
-            slips[...] = change
+                change += cross[..., part] * slips[::-1]
+            slips *= springs[..., part]
+            slips -= change
             loss *= stiffness[:, part]
             push -= float(np.sum(loss))
             return rows

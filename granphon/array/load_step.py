@@ -256,12 +256,11 @@ class LoadStep:
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
-        if not self._spins or trial.left == math.inf:
+        if not self._spins or trial.left == math.inf or is_balanced(trial):
             return trial
-        stencils, tangent = self._stencils, trial.tangent
-        resisting, carrying = stencils.around(tangent.springs[0]), stencils.around(tangent.stiffness)
-        loose: NDArray[np.bool_] = (resisting <= _LOOSE * self._law.mindlin_ratio * carrying) & (carrying > 0.0)
-        if is_balanced(trial) or not np.any(loose):
+        stencils, tangent, least = self._stencils, trial.tangent, _LOOSE * self._law.mindlin_ratio
+        loose: NDArray[np.bool_] = stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
+        if not np.any(loose):
             return trial
         at, arms = _find_contacts(stencils, loose)
         before, after = self._here.contacts, trial.contacts

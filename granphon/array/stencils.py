@@ -32,6 +32,8 @@ __all__ = ["Motion", "Stencils", "dot"]
 Array = NDArray[np.float64]
 #: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15
+#: number of products in a product of matrices up to which OpenBLAS takes one thread
+_ONE_THREAD = 2**18
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
@@ -298,7 +300,7 @@ class Stencils:
             low, size = first + least, end - first
             near = slice(low, end + most)
             # what each kind takes from the ball at either end
-            parts = np.einsum("rf,fx->rx", ends, flat[:, near])
+            parts = _multiply(ends, flat[:, near])
             found = np.empty((n, size), room.dtype)
             for kind, step in enumerate(steps):
                 at = step - least
@@ -308,7 +310,7 @@ class Stencils:
             for kind, step in enumerate(steps):
                 parts[kind, step - least : step - least + size] = pull[kind]
             np.negative(pull, out=parts[n:, -least : size - least])
-            forces[:, near] += np.einsum("rf,rx->fx", ends, parts)
+            forces[:, near] += _multiply(ends.T, parts)
         return self.rooms.fold(out)
 
     def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
@@ -433,6 +435,14 @@ def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
+
+
+def _multiply(matrix: Array, columns: Array) -> Array:
+    """Return the product of a small matrix with many columns, in parts for which BLAS takes one thread; see :func:`dot`."""
+    step = _ONE_THREAD // matrix.size
+    if columns.shape[1] <= step:
+        return matrix @ columns
+    return np.hstack([matrix @ columns[:, low : low + step] for low in range(0, columns.shape[1], step)])
 
 
 def _combine(coefficients: Sequence[tuple[int, float]], flat: Array, first: int, end: int) -> Array:
