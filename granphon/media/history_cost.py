@@ -21,15 +21,15 @@ Array = NDArray[np.float64]
 #: steps of the load for each unit of a*, at the tolerance; they grow as its inverse root. And the longest way that counts
 _STEPS, _TOLERANCE, _MOST_WAY = 30.0, 1e-4, 0.5
 #: iterations of GMRES in a step of an array of one ball without a limit on T, and their power of the number of balls
-_ITERATIONS, _POWER = 2.9, 0.36
+_ITERATIONS, _POWER = 1.6, 0.36
 #: what Coulomb's limit adds to them, as a part of 1/mu^2 for so many balls, and its power of the number of balls
 _SLIDING, _SLIDING_BALLS, _SLIDING_POWER = 0.03, 1024.0, 0.35
 #: time of an iteration for each ball, and the number of balls of an array in which it is twice as long
-_ITERATION_TIME, _FEW_BALLS = 0.05, 2300.0
+_ITERATION_TIME, _FEW_BALLS = 0.07, 2300.0
 #: the same in the exact geometry, over that on the lattice
 _EXACT_TIME = 3.0
 #: iterations from the gas to where an array stands, over those of a step; there were up to ten times as many
-_GAS_STEPS = 150.0
+_GAS_STEPS = 200.0
 #: steps of further loading for an exponent
 _BESIDE_STEPS = 3.0
 #: least mu above zero, and least tolerance, for which there are counts: below these an estimate is a lower bound
