@@ -18,7 +18,8 @@ import granphon as gp
 from granphon.array import gas, load_step
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
-from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.geometry import multiply
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import integrate_last
@@ -96,7 +97,7 @@ def test_tangent_is_the_derivative(numbers, h0, h1, mu, given_overlap):
         after, _ = law.advance(before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], guess)
         return np.append(after.forces, after.shears)
 
-    tangent = law.advance(before, np.array([h1]), s[:, None], guess)[1]
+    tangent = law.advance(before, np.array([h1]), s[:, None], guess)[1]()
     normal, shear = tangent.apply(np.array([-0.7]), way[:, None])
     expected = (forces(e) - forces(-e)) / (2.0 * e)
     np.testing.assert_allclose(np.append(-normal, shear), expected, rtol=0.0, atol=1e-5 * (1.0 + np.max(np.abs(expected))))
@@ -455,6 +456,121 @@ def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu
     twice = run(history((6, 6), mu, seed=1), halves)
     assert abs(twice[-1].force / last.force - 1.0) < 3e-4
     assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
+
+
+# -- one step -------------------------------------------------------------------------------------------------------------
+
+
+def begin_step(mu, side=8):
+    """A step from an array that has been pressed, to the load at which it stands."""
+    paths = history((side, side), mu, seed=1)
+    here = run(paths, ramp(0.5, 0.7, steps=3))[-1]
+    place = paths._geometry.place(here.balls, here.overlap)
+    return load_step.LoadStep(paths._geometry, paths._law, here, place, Prescribed(overlap=here.overlap)), here
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_a_ball_that_only_slides_is_turned_to_where_its_torque_vanishes(seed, contacts):
+    draw = np.random.default_rng(seed)
+    bent, stiffness, limits = draw.normal(size=contacts), draw.uniform(0.1, 1.0, contacts), draw.uniform(0.1, 1.0, contacts)
+    arms = draw.choice([-0.5, 0.5], contacts)
+
+    def torque(angle):
+        return arms @ np.clip(bent + stiffness * arms * angle, -limits, limits)
+
+    columns = [one[:, None] for one in (bent, stiffness * arms, limits, arms)]
+    (angle,) = load_step._unwind(*columns)
+    assert abs(torque(angle)) < 1e-12
+    assert torque(-1e3) < 0.0 < torque(1e3)  # so that there is such an angle
+    np.testing.assert_array_equal(load_step._unwind(*columns[:2], np.zeros_like(columns[2]), columns[3]), 0.0)
+
+
+def test_loose_balls_are_turned_while_all_others_are_held():
+    step, here = begin_step(0.05)
+    balls = here.balls.copy()
+    balls[2, 3, 5] += 1.0  # all contacts of this ball slide, and some of its neighbours'
+    trial = step._try(balls, here.overlap)
+    turned = step._turn_loose(trial, None)
+    assert abs(trial.pull[2, 3, 5]) > 0.01 * here.force
+    assert abs(turned.pull[2, 3, 5]) < 1e-12 * here.force
+    np.testing.assert_array_equal(turned.balls[:2], balls[:2])
+    moved = np.argwhere(turned.balls[2] != balls[2])
+    assert [3, 5] in moved.tolist()
+    assert len(moved) < 8
+    balanced = step._try(here.balls, here.overlap)
+    assert step._turn_loose(balanced, None) is balanced
+
+
+def test_turning_balls_does_not_undo_a_step(monkeypatch):
+    """Where the contacts of turned balls change, turning may leave more than a step takes away, again and again."""
+    loads = ramp(0.5, 0.6, steps=1)
+    expected = run(history((8, 8), 0.2, seed=1), loads)[0]
+
+    def turn(step, trial, guess):
+        balls = trial.balls.copy()
+        balls[2, 0, 0] += 0.1
+        return trial if trial.left < 1e-9 else step._try(balls, trial.overlap, guess)
+
+    monkeypatch.setattr(load_step.LoadStep, "_turn_loose", turn)
+    found = run(history((8, 8), 0.2, seed=1), loads)[0]
+    np.testing.assert_allclose(found.contacts.shears, expected.contacts.shears, rtol=0.0, atol=1e-8)
+    assert found.newton < 2 * expected.newton
+
+
+def test_balls_that_fall_are_moved_by_a_limited_step():
+    step, here = begin_step(0.3)
+    trial = step._try(here.balls, here.overlap)
+    limit = load_step._FARTHEST * math.sqrt(np.mean(here.contacts.overlaps**2))
+    way = np.random.default_rng(0).normal(size=here.balls.shape) * 0.1 * limit
+    np.testing.assert_array_equal(step._shorten(way.ravel(), trial), way)
+    far = way.copy()
+    far[:, 2, 4], far[2, 1, 1] = [3.0 * limit, -5.0 * limit, 2.0 * limit], 8.0 * limit
+    short = step._shorten(far.ravel(), trial)
+    np.testing.assert_allclose(short[:, 2, 4], far[:, 2, 4] / 5.0, rtol=1e-14)
+    np.testing.assert_allclose(short[:, 1, 1], far[:, 1, 1] / 4.0, rtol=1e-14)  # half of a rotation counts
+    short[:, [2, 1], [4, 1]] = way[:, [2, 1], [4, 1]]
+    np.testing.assert_array_equal(short, way)
+
+
+def test_a_step_with_factors_comes_to_the_same_state(monkeypatch):
+    loads, made = ramp(0.5, 0.6, steps=2), []
+    expected = run(history((8, 8), 0.3, seed=1), loads)[-1]
+    choose = load_step.Preconditioners.choose
+    monkeypatch.setattr(load_step, "_WASTE", 0)
+    monkeypatch.setattr(
+        load_step.Preconditioners, "choose", lambda self, *args: (made.append(args[1]), choose(self, *args))[1]
+    )
+    found = run(history((8, 8), 0.3, seed=1), loads)[-1]
+    assert made[0]
+    assert found.krylov < expected.krylov
+    np.testing.assert_allclose(found.contacts.forces, expected.contacts.forces, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(found.contacts.shears, expected.contacts.shears, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, FCC])
+def test_the_preconditioner_is_exact_for_equal_contacts_and_near_for_others(lattice):
+    """Among others it is nearer to the inverse than the sum of its two parts is."""
+    shape = (6, 6) if lattice.periods == 2 else (4, 4, 4)
+    stencils = Stencils(shape, ETA, lattice=lattice)
+    step = load_step.LoadStep.__new__(load_step.LoadStep)
+    step._stencils, step._factorised, step._drag = stencils, False, 0.0
+    draw = np.random.default_rng(1)
+    slips = (stencils.n_rows // stencils.n_contacts - 1, stencils.n_contacts, *shape)
+
+    def errors(spread):
+        k = 1.0 + spread * draw.uniform(-1.0, 1.0, (stencils.n_contacts, *shape))
+        tangent = Tangent(k, ETA * k, np.zeros(slips), np.zeros(slips))
+        product = multiply(stencils, tangent)
+        inverse = step._invert(tangent, False)
+        both = stencils.preconditioner(stencils.weights(k).astype(np.float32))
+        force = product(draw.normal(size=(stencils.n_fields, *shape)).astype(np.float32), 0.0)[0]
+        lefts = [force - product(one(force), 0.0)[0] for one in (inverse, both)]
+        return [np.linalg.norm(left) / np.linalg.norm(force) for left in lefts]
+
+    assert errors(0.0)[0] < 1e-5
+    near, sum_of_both = errors(0.8)
+    assert near < 0.7 * sum_of_both
 
 
 # -- starts ---------------------------------------------------------------------------------------------------------------

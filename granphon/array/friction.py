@@ -20,6 +20,7 @@ law: where k rises under a given T, and where T is rescaled, slip is not given b
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -67,6 +68,14 @@ class Contacts:
     def forces(self) -> Array:
         """(n_c, L1, ..., Lp) normal forces."""
         return np.asarray(self.closed * self.roots)
+
+    @cached_property
+    def bent(self) -> Array:
+        """(n_s, n_c, L1, ..., Lp) tangential forces over the roots of the overlaps, zero where balls are apart.
+
+        They are the elastic slips times (3/2) eta.
+        """
+        return np.divide(self.shears, self.roots, out=np.zeros_like(self.shears), where=self.roots > 0.0)
 
     @property
     def tangential(self) -> Array:
@@ -143,36 +152,75 @@ class FrictionLaw:
 
     def advance(
         self, before: Contacts, overlaps: Array, slips: Array, guess: Array | None = None
-    ) -> tuple[Contacts, Tangent]:
-        """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there.
+    ) -> tuple[Contacts, Callable[[], Tangent]]:
+        """Return the contacts at the end of a step to ``overlaps`` and ``slips``, and what finds the tangent there.
 
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are those that the guess gives. The
         forces are then derivatives of a convex energy, and the tangent is symmetric.
         """
-        eta, mu = self.mindlin_ratio, self.friction_coefficient
-        old, root = before.roots, np.sqrt(np.maximum(overlaps, 0.0))
-        held = overlaps if guess is None else guess
-        new = root if guess is None else np.sqrt(np.maximum(guess, 0.0))
-        mean, slope = _mean_stiffness(before.overlaps, held, old, new)
-        moved, inverse = slips - before.slips, 1.0 / np.maximum(old, _TINY)
-        stiffness, shear = 1.5 * root, eta * mean
-        shears = np.where(new < old, new * inverse, 1.0) * before.shears + shear * moved
-        coupling = np.zeros_like(shears)
-        if guess is None:
-            falls = (new < old) & (new > 0.0)
-            coupling = eta * slope * moved
-            coupling += 0.5 * falls * inverse / np.maximum(new, _TINY) * before.shears
-        sliding = np.zeros_like(shears)
+        mu, contacts = self.friction_coefficient, Contacts(overlaps, slips, np.empty(slips.shape))
+        held, new = (overlaps, contacts.roots) if guess is None else (guess, np.sqrt(np.maximum(guess, 0.0)))
+        springs = self._bend(before, held, new, slips, contacts.shears)
+        slide = np.empty(0, np.intp)
         if mu < math.inf:
-            size, limit = _norm(shears), mu * new**3
-            slides = size > limit
-            share = np.divide(limit, size, out=np.ones_like(size), where=slides)
-            sliding = np.divide(shears, size, out=sliding, where=slides)
-            shears, shear = share * shears, share * shear
-            if guess is None:
-                coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
-                coupling += mu * stiffness * sliding
-        return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
+            size, limit = _norm(contacts.shears), mu * (contacts.forces if guess is None else new * new * new)
+            slide = np.flatnonzero(size > limit)
+            shears = contacts.shears.reshape(len(slips), -1)
+            sliding, share = shears[:, slide] / size.take(slide), limit.take(slide) / size.take(slide)
+            shears[:, slide] *= share
+
+        def linearise() -> Tangent:
+            stiffness, shear = 1.5 * contacts.roots, springs
+            directions = np.zeros_like(contacts.shears)
+            coupling = self._couple(before, contacts) if guess is None else np.zeros_like(directions)
+            if len(slide):
+                shear = springs.copy()
+                shear.reshape(-1)[slide] *= share
+                directions.reshape(len(slips), -1)[:, slide] = sliding
+            if len(slide) and guess is None:
+                flat = coupling.reshape(len(slips), -1)
+                part = flat[:, slide] - np.sum(sliding * flat[:, slide], axis=0) * sliding
+                flat[:, slide] = share * part + mu * stiffness.take(slide) * sliding
+            return Tangent(stiffness, shear, coupling, directions)
+
+        return contacts, linearise
+
+    def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
+        """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
+        new, shears = np.sqrt(np.maximum(overlaps, 0.0)), np.empty(slips.shape)
+        springs = self._bend(before, overlaps, new, slips, shears)
+        return shears, springs, self.friction_coefficient * new * new * new
+
+    def _bend(self, before: Contacts, overlaps: Array, new: Array, slips: Array, shears: Array) -> Array:
+        """Write the tangential forces if nothing slid in a step, and return the stiffness that slip meets.
+
+        That is eta times the mean of k while h rises, and k at the end where it falls. ``new`` are roots of the overlaps.
+        """
+        old = before.roots
+        less = np.minimum(old, new)  # where h falls, as if it had been at its end before
+        total = np.maximum(less + new, _TINY)
+        springs: Array = self.mindlin_ratio * (total - less * new / total)
+        # a contact that closes in the step: only the part of the step after it has closed counts
+        opens = np.flatnonzero((old == 0.0) & (new > 0.0))
+        force = self.mindlin_ratio * new.take(opens) ** 3
+        springs.reshape(-1)[opens] = force / (overlaps.take(opens) - before.overlaps.take(opens))
+        np.multiply(springs, slips - before.slips, out=shears)
+        shears += less * before.bent
+        return springs
+
+    def _couple(self, before: Contacts, after: Contacts) -> Array:
+        """Return the derivatives of the tangential forces with respect to h if nothing slid in a step."""
+        old, new, eta = before.roots, after.roots, self.mindlin_ratio
+        less = np.minimum(old, new)
+        over = np.divide(1.0, less + new, out=np.zeros_like(new), where=new > 0.0)
+        slope: Array = (0.5 * eta) * (1.0 + less * over) * over
+        opens = np.flatnonzero((old == 0.0) & (new > 0.0))
+        width, root = after.overlaps.take(opens) - before.overlaps.take(opens), new.take(opens)
+        slope.reshape(-1)[opens] = eta * (1.5 * root - root**3 / width) / width
+        coupling: Array = slope * (after.slips - before.slips)
+        # where h falls, the stiffness does as k does at the end, twice as fast, and what T was before in proportion
+        coupling += (new < old) * (coupling + over * before.bent)
+        return coupling
 
     def mobilise(self, contacts: Contacts) -> Array:
         """Return (n_c, L1, ..., Lp) |T| over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
@@ -191,13 +239,6 @@ class FrictionLaw:
         """Return the part of the contacts that carry load whose tangential force is at Coulomb's limit."""
         return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))
 
-    def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
-        """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
-        old, new = before.roots, np.sqrt(np.maximum(overlaps, 0.0))
-        part = np.divide(new, old, out=np.ones_like(new), where=new < old)
-        springs = self.mindlin_ratio * _mean_stiffness(before.overlaps, overlaps, old, new)[0]
-        return part * before.shears + springs * (slips - before.slips), springs, self.friction_coefficient * new**3
-
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
         shear = 0.5 * self.mindlin_ratio * 1.5 * np.sqrt(contacts.closed) * self._bent(contacts) ** 2
@@ -206,13 +247,12 @@ class FrictionLaw:
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
         """Return the mean energies that a contact loses in a step, by sliding and by the law, to second order."""
         eta, mu = self.mindlin_ratio, self.friction_coefficient
-        old, new = np.sqrt(before.closed), np.sqrt(after.closed)
+        old, new = before.roots, after.roots
         slid = 0.0
         if mu < math.inf:
-            mean = _mean_stiffness(before.overlaps, after.overlaps, old, new)[0]
-            part = np.divide(new, old, out=np.ones_like(new), where=new < old)
-            excess = _norm(part * before.shears + eta * mean * (after.slips - before.slips) - after.shears)
-            slip = np.divide(excess, eta * mean, out=np.zeros_like(new), where=mean > 0.0)
+            shears = np.empty(after.shears.shape)
+            springs = self._bend(before, after.overlaps, new, after.slips, shears)
+            slip = np.divide(_norm(shears - after.shears), springs, out=np.zeros_like(new), where=springs > 0.0)
             slid = float(np.mean(0.5 * mu * (before.forces + after.forces) * slip))
         first, last = self._bent(before), self._bent(after)
         if mu == math.inf:  # T falls as k until the contact opens
@@ -223,24 +263,6 @@ class FrictionLaw:
         """Return the elastic slips |T|/(eta k), zero where balls are apart."""
         stiffness = 1.5 * self.mindlin_ratio * np.sqrt(contacts.closed)
         return np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
-
-
-def _mean_stiffness(h0: Array, h1: Array, a0: Array, a1: Array) -> tuple[Array, Array]:
-    """Return the normal stiffness that slip meets in a step from h0 to h1, and its derivative with respect to h1.
-
-    ``a0`` and ``a1`` are the roots of h0_+ and h1_+. Where h falls it is k at the end.
-    """
-    rises, total = a1 > a0, np.maximum(a0 + a1, _TINY)
-    part = a0 / total
-    mean = np.where(rises, total - part * a1, 1.5 * a1)
-    slope = np.where(rises, 0.5 * (1.0 + part) / total, 0.75 / np.maximum(a1, _TINY) * (a1 > 0.0))
-    # a contact that closes in the step: only the part of the step after it has closed counts
-    opens = np.nonzero((a0 == 0.0) & rises)
-    if len(opens[0]):
-        width, root = h1[opens] - h0[opens], a1[opens]
-        closed = root**3 / width
-        mean[opens], slope[opens] = closed, (1.5 * root - closed) / width
-    return mean, slope
 
 
 def _norm(vectors: Array) -> Array:

@@ -18,7 +18,7 @@ from granphon.array.friction import Tangent
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
 
-__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product"]
+__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product", "multiply"]
 
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
@@ -157,37 +157,42 @@ class LatticePlace:
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return the changes of forces by motions in single precision, times -1; nothing turns."""
-        stencils, n = self._stencils, self._stencils.n_contacts
-
-        def flatten(part: Array) -> Single:
-            rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
-            return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
-
-        stiffness = flatten(tangent.stiffness[None])[0]
-        springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
-        push = 0.0
-
-        def product(balls: Single, press: float) -> tuple[Single, float]:
-            nonlocal push
-            push = 0.0
-
-            def tension(part: slice, rows: Single) -> Single:
-                nonlocal push
-                if press:
-                    rows[:n] -= np.float32(press)
-                loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
-                change = springs[..., part] * slips
-                change -= coupling[..., part] * loss
-                if len(cross):
-                    change -= cross[..., part] * slips[::-1]
-                slips[...] = change
-                loss *= stiffness[:, part]
-                push -= float(np.sum(loss))
-                return rows
-
-            return stencils.couple(balls, tension), push
-
-        return product
+        return multiply(self._stencils, tangent)
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self._stencils.shape)])
+
+
+def multiply(stencils: Stencils, tangent: Tangent) -> Product:
+    """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions in single precision."""
+    n = stencils.n_contacts
+
+    def flatten(part: Array) -> Single:
+        rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
+        return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
+
+    stiffness = flatten(tangent.stiffness[None])[0]
+    springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
+    push = 0.0
+
+    def product(balls: Single, press: float) -> tuple[Single, float]:
+        nonlocal push
+        push = 0.0
+
+        def tension(part: slice, rows: Single) -> Single:
+            nonlocal push
+            if press:
+                rows[:n] -= np.float32(press)
+            loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
+            change = coupling[..., part] * loss
+            if len(cross):
+                change += cross[..., part] * slips[::-1]
+            slips *= springs[..., part]
+            slips -= change
+            loss *= stiffness[:, part]
+            push -= float(np.sum(loss))
+            return rows
+
+        return stencils.couple(balls, tension), push
+
+    return product

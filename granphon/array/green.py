@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ArrayRow", "green_function"]
+__all__ = ["ArrayRow", "green_function", "green_inverse"]
 
 Array = NDArray[np.float64]
 #: number of wave vectors at which matrices are inverted at a time
@@ -68,6 +68,37 @@ def green_function(
     if real:  # symmetric, to the last digit
         return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(fields)) for a in range(fields))
     return tuple(tuple(entries[a, b] for b in range(fields)) for a in range(fields))
+
+
+def green_inverse(
+    green: Array, over: Any, turning: slice, shape: tuple[int, ...], blocks: Sequence[slice], workers: int
+) -> Callable[[Array], Array]:
+    """Return the product of forces (fields, L1, ..., Lp) with Green's function and a number ``over`` the stiffness.
+
+    The precision of forces is that of ``green``, whose entries of one ball in the cell stand twice, for the real and the
+    imaginary parts of waves; the fields ``turning`` are then rotations. ``blocks`` are parts of the first axis that stay in
+    the processor's cache; ``workers`` threads share each Fourier transform.
+    """
+    from scipy import fft  # imported here: media that are not simulated do not need it
+
+    axes = tuple(range(1, len(shape) + 1))
+
+    def apply(force: Array) -> Array:
+        waves = fft.rfft(force, axis=axes[-1], workers=workers)
+        for axis in axes[:-1]:
+            waves = fft.fft(waves, axis=axis, workers=workers, overwrite_x=True)
+        for rows in blocks:
+            parts = waves[:, rows]
+            parts[turning] *= -1j
+            plain = parts.view(green.dtype)
+            np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
+            parts[turning] *= 1j
+        # transform one axis after the other: all at once would allocate another array of waves
+        for axis in axes[:-1]:
+            waves = fft.ifft(waves, axis=axis, workers=workers, overwrite_x=True)
+        return np.asarray(fft.irfft(waves, shape[-1], axis=axes[-1], workers=workers))
+
+    return apply
 
 
 def _invert(matrix: NDArray[Any]) -> NDArray[Any]:

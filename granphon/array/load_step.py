@@ -1,8 +1,8 @@
 """One step of a loading history: Newton's method for the balance of forces and torques under the law of the contacts.
 
 The linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts slide, or where the shear
-stiffness changes with the overlap. GMRES solves them, preconditioned by Green's function of the lattice, in single
-precision and no more accurately than the step needs.
+stiffness changes with the overlap. GMRES solves them, preconditioned by each ball's own inverse and then
+Green's function of the lattice, in single precision and no more accurately than the step needs.
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method would turn it without limit.
 Such balls are turned by themselves after the step, to where their torques vanish while all others are held: the torque is a
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.geometry import Geometry, Place
+from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.geometry import Geometry, Inverse, Place, multiply
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
 from granphon.array.residuals import Single, solve_by_minimal_residuals
@@ -122,7 +122,9 @@ class LoadStep:
             way, taken = self._direct(trial, hold)
             new, length = self._search(trial, way, guess, slow)
             slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
-            new = self._turn_loose(new, guess)
+            turned = self._turn_loose(new, guess)
+            # where contacts of turned balls change, this may undo the step, and again after the next one
+            new = turned if turned.size <= trial.size else new
             trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
                 break
@@ -168,7 +170,7 @@ class LoadStep:
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
         slips = place.slips(self._place, self._here.contacts.slips)
-        contacts, tangent = self._law.advance(self._here.contacts, place.overlaps, slips, guess)
+        contacts, linearise = self._law.advance(self._here.contacts, place.overlaps, slips, guess)
         forces, load, stencils = contacts.forces, self._load, self._stencils
         force = float(np.mean(forces))
         pull = place.pull(*self._resist(contacts, overlap))
@@ -184,7 +186,7 @@ class LoadStep:
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
         left = math.sqrt(square) / scale if scale < math.inf else math.inf
-        return Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
+        return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
@@ -194,11 +196,9 @@ class LoadStep:
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
-        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
-        single: Single = stiffnesses.astype(np.float32)
         hard = self._wasted >= _WASTE
         self._factorised |= hard  # factors then serve for the rest of the step
-        inverse = self._inverses.choose(single, hard) if self._factorised else stencils.preconditioner(single)
+        inverse = self._invert(tangent, hard)
         held = np.float32(1.0 / tangent.stiffness.size)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
 
@@ -219,6 +219,30 @@ class LoadStep:
             self._inverses.count(taken)
         return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
 
+    def _invert(self, tangent: Tangent, hard: bool) -> Inverse:
+        """Return an approximate inverse of C^T D C, new factors of it if it is ``hard``.
+
+        It moves each ball as if its neighbours were held, and then all by Green's function under what that leaves.
+        """
+        stencils = self._stencils
+        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
+        springs: Single = stiffnesses.astype(np.float32)
+        if self._factorised:
+            return self._inverses.choose(springs, hard)
+        if self._drag:  # where few balls touch, Green's function would carry on what each ball's own motion leaves too far
+            return stencils.preconditioner(springs)
+        mean = float(np.mean(springs[: stencils.n_contacts]))
+        relax, carry = stencils.relax(springs), stencils.carry(springs.dtype, mean)
+        product = multiply(stencils, tangent)
+
+        def apply(force: Single) -> Single:
+            motion = np.zeros_like(force)
+            relax(force, motion)
+            motion += carry(force - product(motion, 0.0)[0])
+            return motion
+
+        return apply
+
     def _shorten(self, found: Array, trial: Trial) -> Array:
         """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""
         motions, n = self._stencils.motions, self._stencils.n_balls
@@ -232,12 +256,11 @@ class LoadStep:
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
-        if not self._spins or trial.left == math.inf:
+        if not self._spins or trial.left == math.inf or is_balanced(trial):
             return trial
-        stencils, tangent = self._stencils, trial.tangent
-        resisting, carrying = stencils.around(tangent.springs[0]), stencils.around(tangent.stiffness)
-        loose: NDArray[np.bool_] = (resisting <= _LOOSE * self._law.mindlin_ratio * carrying) & (carrying > 0.0)
-        if is_balanced(trial) or not np.any(loose):
+        stencils, tangent, least = self._stencils, trial.tangent, _LOOSE * self._law.mindlin_ratio
+        loose: NDArray[np.bool_] = stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
+        if not np.any(loose):
             return trial
         at, arms = _find_contacts(stencils, loose)
         before, after = self._here.contacts, trial.contacts

@@ -6,7 +6,7 @@ slide. Polynomials in the load through the last states continue it, and fill it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -76,13 +76,16 @@ class PressedArray:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms."""
+    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms.
+
+    ``linearise`` finds the tangent of the law, which few trials need.
+    """
 
     place: Place
     balls: Array
     overlap: float
     contacts: Contacts
-    tangent: Tangent
+    linearise: Callable[[], Tangent]
     pull: Array
     push: float
     left: float
@@ -90,6 +93,11 @@ class Trial:
     size: float
     newton: int = 0
     krylov: int = 0
+
+    @cached_property
+    def tangent(self) -> Tangent:
+        """Derivatives of the contacts' forces."""
+        return self.linearise()
 
     def follow(self, other: Trial) -> Trial:
         """Return another trial that has taken the steps of this one."""

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.green import ArrayRow, green_function
+from granphon.array.green import ArrayRow, green_function, green_inverse
 from granphon.array.local_inverse import invert_blocks
 from granphon.array.rooms import Rooms
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -32,6 +32,8 @@ __all__ = ["Motion", "Stencils", "dot"]
 Array = NDArray[np.float64]
 #: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15
+#: number of products in a product of matrices up to which OpenBLAS takes one thread
+_ONE_THREAD = 2**18
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
@@ -298,7 +300,7 @@ class Stencils:
             low, size = first + least, end - first
             near = slice(low, end + most)
             # what each kind takes from the ball at either end
-            parts = np.einsum("rf,fx->rx", ends, flat[:, near])
+            parts = _multiply(ends, flat[:, near])
             found = np.empty((n, size), room.dtype)
             for kind, step in enumerate(steps):
                 at = step - least
@@ -308,7 +310,7 @@ class Stencils:
             for kind, step in enumerate(steps):
                 parts[kind, step - least : step - least + size] = pull[kind]
             np.negative(pull, out=parts[n:, -least : size - least])
-            forces[:, near] += np.einsum("rf,rx->fx", ends, parts)
+            forces[:, near] += _multiply(ends.T, parts)
         return self.rooms.fold(out)
 
     def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
@@ -356,45 +358,48 @@ class Stencils:
         (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand. Where contacts are nearly alike, Green's
         function alone is as good. The inverse is as precise as the stiffness, single or double.
         """
-        from scipy import fft  # imported here: media that are not simulated do not need it
-
         normal = stiffness[: self.n_contacts]
-        mean, local = float(np.mean(normal)), []
-        if float(np.std(normal)) > _UNEVEN * mean:
-            rooms = self.rooms.fill(stiffness) if springs is None else springs
-            for fields in self._groups:
-                local.append((fields, invert_blocks(self._rows, self.rooms, fields, rooms, _LEAST_LOCAL * mean)))
-        # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
-        # parts of waves, which follow each other in memory
-        real = self.n_balls == 1
-        precision = np.result_type(stiffness.dtype, 1.0 if real else 1j)
-        turning = self.motions.turning if real else slice(0, 0)
-        if precision not in self._found:
-            green = np.array(self._green).astype(precision)
-            self._found[precision] = np.repeat(green, 2, axis=-1) if real else green
-        green, over = self._found[precision], precision.type(1.0 / mean)
-        axes = tuple(range(1, len(self.shape) + 1))
+        mean = float(np.mean(normal))
+        carry = self.carry(stiffness.dtype, mean)
+        if float(np.std(normal)) <= _UNEVEN * mean:
+            return carry
+        relax = self.relax(stiffness, springs)
 
         def apply(force: Array) -> Array:
-            waves = fft.rfft(force, axis=axes[-1], workers=self.workers)
-            for axis in axes[:-1]:
-                waves = fft.fft(waves, axis=axis, workers=self.workers, overwrite_x=True)
-            for rows in self.blocks(self.n_fields) if len(axes) > 1 else [slice(None)]:
-                parts = waves[:, rows]
-                parts[turning] *= -1j
-                plain = parts.view(precision)
-                np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
-                parts[turning] *= 1j
-            # transform one axis after the other: all at once would allocate another array of waves
-            for axis in axes[:-1]:
-                waves = fft.ifft(waves, axis=axis, workers=self.workers, overwrite_x=True)
-            out: Array = fft.irfft(waves, self.shape[-1], axis=axes[-1], workers=self.workers)
-            for rows in self.blocks(self.n_fields):
-                for fields, block in local:
-                    out[fields, rows] += np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+            out = carry(force)
+            relax(force, out)
             return out
 
         return apply
+
+    def carry(self, precision: DTypeLike, stiffness: float) -> Callable[[Array], Array]:
+        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function."""
+        # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
+        # parts of waves, which follow each other in memory
+        real = self.n_balls == 1
+        kind = np.result_type(precision, 1.0 if real else 1j)
+        if kind not in self._found:
+            green = np.array(self._green).astype(kind)
+            self._found[kind] = np.repeat(green, 2, axis=-1) if real else green
+        turning = self.motions.turning if real else slice(0, 0)
+        blocks = list(self.blocks(self.n_fields)) if len(self.shape) > 1 else [slice(None)]
+        return green_inverse(self._found[kind], kind.type(1.0 / stiffness), turning, self.shape, blocks, self.workers)
+
+    def relax(self, stiffness: Array, springs: Array | None = None) -> Callable[[Array, Array], None]:
+        """Return what adds to ``out`` the motion of each ball under a ``force`` while its neighbours are held.
+
+        Displacements and rotations are taken apart; see :meth:`preconditioner` for the arguments.
+        """
+        least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
+        rooms = self.rooms.fill(stiffness) if springs is None else springs
+        local = [(fields, invert_blocks(self._rows, self.rooms, fields, rooms, least)) for fields in self._groups]
+
+        def add(force: Array, out: Array) -> None:
+            for rows in self.blocks(self.n_fields):
+                for fields, block in local:
+                    out[fields, rows] += np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+
+        return add
 
     @cached_property
     def _groups(self) -> list[slice]:
@@ -430,6 +435,14 @@ def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
+
+
+def _multiply(matrix: Array, columns: Array) -> Array:
+    """Return the product of a small matrix with many columns, in parts for which BLAS takes one thread; see :func:`dot`."""
+    step = _ONE_THREAD // matrix.size
+    if columns.shape[1] <= step:
+        return matrix @ columns
+    return np.hstack([matrix @ columns[:, low : low + step] for low in range(0, columns.shape[1], step)])
 
 
 def _combine(coefficients: Sequence[tuple[int, float]], flat: Array, first: int, end: int) -> Array:

@@ -24,7 +24,7 @@ _STEPS_TOLERANCE = 1e-4
 #: longest way in a* from one load to the next that counts
 _MOST_WAY = 0.5
 #: iterations of GMRES in a step of an array of one ball without a limit on T
-_ITERATIONS = 2.9
+_ITERATIONS = 1.6
 #: their power of the number of balls
 _ITERATIONS_POWER = 0.36
 #: what Coulomb's limit adds to them, as a part of 1/mu^2, in an array of :data:`_SLIDING_BALLS`
@@ -33,13 +33,13 @@ _SLIDING_BALLS = 1024.0
 #: its power of the number of balls
 _SLIDING_POWER = 0.35
 #: time of an iteration for each ball of a large array
-_ITERATION_TIME = 0.05
+_ITERATION_TIME = 0.07
 #: number of balls of an array in which it is twice as long
 _FEW_BALLS = 2300.0
 #: the same in the exact geometry, over that on the lattice
 _EXACT_TIME = 3.0
 #: iterations from the gas to where an array stands, over those of a step; there were up to ten times as many
-_GAS_STEPS = 150.0
+_GAS_STEPS = 200.0
 #: steps of further loading for an exponent
 _BESIDE_STEPS = 3.0
 #: least mu above zero for which there are counts: below it an estimate is a lower bound
