@@ -640,6 +640,54 @@ def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
     assert path["overlap"].values.ravel()[1] > loaded.overlap[1]  # balls that are unloaded stay nearer
 
 
+def end_at(monkeypatch, overlap):
+    """Let each step of a loading to less than this overlap (W) fail."""
+    step = LoadingHistory.step
+
+    def fail(self, trail, load):
+        if load.overlap is not None and load.overlap < overlap:
+            raise self._explain(load, "it falls apart")
+        return step(self, trail, load)
+
+    monkeypatch.setattr(LoadingHistory, "step", fail)
+
+
+ENDING = options(*HISTORY, "ordered: true", "samples: 2")
+
+
+def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch):
+    out, loads = tmp_path / "out", "{overlap: [0.2 um, 0.4 um, 0.01 um, 0.3 um]}"
+    end_at(monkeypatch, 0.01)
+    with pytest.raises(
+        SceneError, match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached"
+    ) as caught:
+        scene(load=loads, medium=ENDING).run(out, figures=False)
+    assert sorted(one.name for one in out.iterdir()) == [".granphon-files", "sweep_incomplete.csv", "sweep_incomplete.nc"]
+    before = scene(load="{overlap: [0.2 um, 0.4 um]}", medium=ENDING)
+    kept = gp.load_sweep(out / "sweep_incomplete.nc")
+    assert kept.identical(caught.value.reached)
+    assert "falls apart" in kept.attrs.pop("incomplete")
+    assert kept.identical(before.run(out, figures=False).dataset)  # without force, as no result is lost
+    assert not list(out.glob("*incomplete*"))
+
+
+def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypatch):
+    end_at(monkeypatch, 0.01)
+    history = {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 0.1, "shape": (4, 4)}
+    given = {"overlap": np.array([0.005, 0.1, 0.2]) * W, "packing": PACKING}
+    falling, rising = ({"simulation": history | {"ordered": ordered}} for ordered in (True, False))
+    with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart") as caught:
+        gp.sweep(media=["ema", falling, rising], path=tmp_path / "x.nc", **given)
+    assert caught.value.reached is None  # its first load is not reached
+    given["overlap"] = given["overlap"][::-1]
+    with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart.* are in x_incomplete.nc and x_inc") as caught:
+        gp.sweep(media=["ema", falling], path=tmp_path / "x.nc", overwrite=True, **given)
+    known = gp.sweep(PACKING, media=["ema", falling], overlap=given["overlap"][:2])
+    assert caught.value.reached.drop_attrs(deep=False).identical(known.drop_attrs(deep=False))
+    assert caught.value.load_index == 2
+    assert not (tmp_path / "x.nc").exists()
+
+
 @pytest.mark.exhaustive
 def test_a_width_is_fitted_with_friction():
     # springs at all contacts: without those at sliding contacts, of so few balls, the velocity would jump with the width

@@ -25,12 +25,14 @@ WAVE_FILES: dict[str, tuple[str, ...]] = {
 SWEEP_TABLES = {"dos": "sweep_dos.csv", "spectrum": "sweep_spectra.csv"}
 #: names of their figures
 SWEEP_FIGURES = tuple(name.replace(".csv", ".png") for name in SWEEP_TABLES.values())
+#: the loads of a sweep that were reached, where a path of loads has ended early
+INCOMPLETE_FILES = ("sweep_incomplete.nc", "sweep_incomplete.csv")
 #: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", *SAMPLE_TABLES,
     "bands.png", "dos.png",
     "forces.png", *(name for names in WAVE_FILES.values() for name in (*names, names[0].replace(".json", ".png"))),
-    "sweep.nc", "sweep.csv", "sweep.png",
+    "sweep.nc", "sweep.csv", "sweep.png", *INCOMPLETE_FILES,
     *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
 )  # fmt: skip
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been written

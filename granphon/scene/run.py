@@ -15,6 +15,7 @@ forces.png             force chains of that sample, and the distribution of the 
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
 sweep.png              of a sweep: velocities and exponents over the load, and the velocity of pulses
+sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads before, and nothing else
 sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
 sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
@@ -36,7 +37,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.array.atoms import write_extxyz
 from granphon.array.pressed_sample import PressedSample
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.staging import ResultFiles
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
@@ -316,7 +317,8 @@ def run(
     FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part of another scene or version
         would be discarded; or a file may not be replaced at all. Raised before anything is computed.
     OutputError : the folder cannot be written, or another run is writing into it.
-    GranphonError : the computation fails; then no result has been written.
+    GranphonError : the computation fails; then no result has been written. If a path of loads with friction ends early, the
+        loads before it are in sweep_incomplete.nc and sweep_incomplete.csv, and ``reached`` of the error is their data set.
     """
     target, (names, drawn) = Path(folder), list_files(scene)
     drawn = drawn if figures else ()
@@ -335,7 +337,14 @@ def run(
         open_store(target / WORK_FILE, force) as store,
     ):
         if scene.is_sweep:
-            result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+            try:
+                result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+            except GranphonError as error:
+                if error.reached is None:
+                    raise
+                from granphon.sweeps.unfinished import keep_incomplete  # imported here: it needs what only a sweep needs
+
+                raise keep_incomplete(error, locked, "sweep.nc", store) from None
         else:
             identity, tasks = identify_state(scene.rung, "velocities" in scene.observe) if scene.has_tasks else (None, [])
             store.claim(identity, lambda: tasks)
