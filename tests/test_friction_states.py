@@ -518,6 +518,24 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkey
     assert scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")).is_sweep
 
 
+@pytest.mark.parametrize(
+    ("load", "start", "where"),
+    [
+        ("{overlap: [0.4 um, 0.1 um]}", "start: {force: 1.5 N}", r":5: load.overlap.1: .* below the start of .*, f\* = "),
+        ("{force: 0.4 N}", "", r":5: load.force: found '0.4 N'; .* below the start of the loading, .* at a\* = 0.5\."),
+        ("{force: 0.4 N}", "geometry: exact", r":5: load.force: found '0.4 N'; .* below the start of the loading"),
+        ("{force: 0.4 N}", "start: 0.345", r":6: medium.simulation.start: found 0.345; .* below the threshold"),
+    ],
+)
+def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(load, start, where, monkeypatch):
+    monkeypatch.setattr(LoadingHistory, "step", lambda *given: pytest.fail("a load is solved"))
+    given = options(*HISTORY, "samples: 2", *[start] * bool(start))
+    with pytest.raises(SceneError, match=where):
+        scene(load=load, medium=given)
+    scene(load=load, medium=given.replace("{simulation: {", "{simulation: {ordered: true, "))
+    scene(load=load, medium=given.replace("shape: 4 4", "shape: 200 200"))  # that would take long
+
+
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
     step = LoadingHistory.step
 
