@@ -106,7 +106,7 @@ class PlannedCase:
         return True
 
     def require_start(self, most: int) -> None:
-        """Raise if a load is below the start of a loading, also of another kind, in samples of up to ``most`` balls in all."""
+        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls in all."""
         for rung in self.rungs:
             medium = rung.medium.of(self.case.packing) if rung.medium.simulates else None
             if isinstance(medium, DirectSimulation) and medium.samples * medium.balls <= most:
