@@ -120,12 +120,9 @@ class LoadStep:
         is near the one before. The limits of sliding are those of the overlaps before, which friction hardly changes.
         """
         mu, guess, first = self._law.friction_coefficient, None, trial
-        stages = (
-            math.ceil(math.log(_SMALL_FRICTION / mu, _STIFFER))
-            if self._slides and mu < _SMALL_FRICTION and not self._drag
-            else -1
-        )
-        for stage in range(stages, -1, -1):
+        if not self._slides or self._drag or mu >= _SMALL_FRICTION:
+            return trial
+        for stage in range(math.ceil(math.log(_SMALL_FRICTION / mu, _STIFFER)), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
             step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._drag)
             trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
@@ -133,7 +130,7 @@ class LoadStep:
             if trial.left == math.inf:
                 return trial.follow(first)
             guess = trial.contacts.overlaps
-        return trial.follow(self._try(trial.balls, trial.overlap)) if stages >= 0 else trial
+        return trial.follow(self._try(trial.balls, trial.overlap))
 
     def _iterate(
         self, trial: Trial, most: int, patience: int, guess: Array | None = None, enough: float | None = None
@@ -319,7 +316,7 @@ def _find_first(stencils: Stencils, at: tuple[Any, ...], arms: Array, bent: Arra
     greatest = np.zeros(stencils.n_contacts * math.prod(stencils.shape))
     felt = np.where(arms != 0.0, torques, 0.0)
     np.maximum.at(greatest, places, felt)
-    return np.all(felt >= np.where(arms != 0.0, greatest[places], 0.0), axis=0)
+    return np.asarray(np.all(felt >= np.where(arms != 0.0, greatest[places], 0.0), axis=0))
 
 
 def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:
