@@ -168,6 +168,8 @@ FILES = {
     "sweep.nc": ("a sweep", "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)"),
     "sweep.csv": ("a sweep", "the same as a table, without tensors and bands"),
     "sweep.png": ("a sweep of no more than one parameter", "velocities and exponents over the load, and those of pulses"),
+    "sweep_incomplete.nc": ("a sweep with a path that ends early", "the loads that all media have reached, as `sweep.nc`"),
+    "sweep_incomplete.csv": ("the same", "the same as a table"),
     "sweep_dos.csv": ("`dos`, a sweep", "densities of states of the arrays, a row for each state and frequency"),
     "sweep_dos.png": ("`dos`, a sweep", "the same as a figure, with bands of standard errors"),
     "sweep_spectra.csv": ("`spectrum`, a sweep", "lines of plane waves, a row for each, see [below](#waves-in-arrays)"),

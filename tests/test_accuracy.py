@@ -267,7 +267,10 @@ def test_equal_balls_and_balls_on_a_line_have_no_error(steel, kind):
 @pytest.mark.parametrize(
     ("packing", "told"),
     [
-        (balls(lattice="square"), "none were measured on the square lattice; they were on triangular, fcc, hcp"),
+        (
+            balls(lattice="square"),
+            "none were measured on the square lattice; they were on the triangular, fcc and hcp lattices",
+        ),
         (balls(lattice="bcc"), "bcc lattice"),
         (balls(lattice=gp.Lattice("cube", np.sqrt(2.0) * np.eye(3), FACES)), "cube lattice"),
         (replace(balls(lattice="fcc"), torsion=0.1), "neither twist nor rolling"),
@@ -456,7 +459,11 @@ def test_above_the_table_errors_fall_as_the_response_does(response, power):
     [
         (balls(), 0.05, "they were measured for friction coefficients from 0.1 on, not for 0.05"),
         (balls(), 0.0, "from 0.1 on, not for 0"),
-        (balls(lattice="fcc"), 0.2, "on the fcc lattice against arrays loaded with friction; they were on triangular"),
+        (
+            balls(lattice="fcc"),
+            0.2,
+            "on the fcc lattice against arrays loaded with friction; they were on the triangular lattice",
+        ),
         (balls(friction=False), 0.2, "the balls resist no slip, so that no friction loads them"),
         (balls(poisson_ratio=-0.5), 0.2, "Mindlin ratios from 0.667 to 1, not for 1.2"),
         (replace(balls(), bending=0.1), 0.2, "neither twist nor rolling"),

@@ -518,6 +518,24 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkey
     assert scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")).is_sweep
 
 
+@pytest.mark.parametrize(
+    ("load", "start", "where"),
+    [
+        ("{overlap: [0.4 um, 0.1 um]}", "start: {force: 1.5 N}", r":5: load.overlap.1: .* below the start of .*, f\* = "),
+        ("{force: 0.4 N}", "", r":5: load.force: found '0.4 N'; .* below the start of the loading, .* at a\* = 0.5\."),
+        ("{force: 0.4 N}", "geometry: exact", r":5: load.force: found '0.4 N'; .* below the start of the loading"),
+        ("{force: 0.4 N}", "start: 0.345", r":6: medium.simulation.start: found 0.345; .* below the threshold"),
+    ],
+)
+def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(load, start, where, monkeypatch):
+    monkeypatch.setattr(LoadingHistory, "step", lambda *given: pytest.fail("a load is solved"))
+    given = options(*HISTORY, "samples: 2", *[start] * bool(start))
+    with pytest.raises(SceneError, match=where):
+        scene(load=load, medium=given)
+    scene(load=load, medium=given.replace("{simulation: {", "{simulation: {ordered: true, "))
+    scene(load=load, medium=given.replace("shape: 4 4", "shape: 200 200"))  # that would take long
+
+
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
     step = LoadingHistory.step
 
@@ -638,6 +656,54 @@ def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
     np.testing.assert_array_equal(path["bulk"].values.ravel(), gp.moduli(state).bulk)
     assert path["dissipated_energy"].attrs["units"] == "J"
     assert path["overlap"].values.ravel()[1] > loaded.overlap[1]  # balls that are unloaded stay nearer
+
+
+def end_at(monkeypatch, overlap):
+    """Let each step of a loading to less than this overlap (W) fail."""
+    step = LoadingHistory.step
+
+    def fail(self, trail, load):
+        if load.overlap is not None and load.overlap < overlap:
+            raise self._explain(load, "it falls apart")
+        return step(self, trail, load)
+
+    monkeypatch.setattr(LoadingHistory, "step", fail)
+
+
+ENDING = options(*HISTORY, "ordered: true", "samples: 2")
+
+
+def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch):
+    out, loads = tmp_path / "out", "{overlap: [0.2 um, 0.4 um, 0.01 um, 0.3 um]}"
+    end_at(monkeypatch, 0.01)
+    with pytest.raises(
+        SceneError, match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached"
+    ) as caught:
+        scene(load=loads, medium=ENDING).run(out, figures=False)
+    assert sorted(one.name for one in out.iterdir()) == [".granphon-files", "sweep_incomplete.csv", "sweep_incomplete.nc"]
+    before = scene(load="{overlap: [0.2 um, 0.4 um]}", medium=ENDING)
+    kept = gp.load_sweep(out / "sweep_incomplete.nc")
+    assert kept.identical(caught.value.reached)
+    assert "falls apart" in kept.attrs.pop("incomplete")
+    assert kept.identical(before.run(out, figures=False).dataset)  # without force, as no result is lost
+    assert not list(out.glob("*incomplete*"))
+
+
+def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypatch):
+    end_at(monkeypatch, 0.01)
+    history = {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 0.1, "shape": (4, 4)}
+    given = {"overlap": np.array([0.005, 0.1, 0.2]) * W, "packing": PACKING}
+    falling, rising = ({"simulation": history | {"ordered": ordered}} for ordered in (True, False))
+    with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart") as caught:
+        gp.sweep(media=["ema", falling, rising], path=tmp_path / "x.nc", **given)
+    assert caught.value.reached is None  # its first load is not reached
+    given["overlap"] = given["overlap"][::-1]
+    with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart.* are in x_incomplete.nc and x_inc") as caught:
+        gp.sweep(media=["ema", falling], path=tmp_path / "x.nc", overwrite=True, **given)
+    known = gp.sweep(PACKING, media=["ema", falling], overlap=given["overlap"][:2])
+    assert caught.value.reached.drop_attrs(deep=False).identical(known.drop_attrs(deep=False))
+    assert caught.value.load_index == 2
+    assert not (tmp_path / "x.nc").exists()
 
 
 @pytest.mark.exhaustive

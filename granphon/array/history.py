@@ -243,7 +243,8 @@ class LoadingHistory:
                 failed -= trial.newton
                 ahead.pop()
             elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
-                raise self._explain(load, "its forces are not in balance, however short the steps")
+                last = f"it was last at an overlap of {trail[-1].overlap:.6g} widths, f* = {trail[-1].force:.3g}"
+                raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
             else:
                 halvings += 1
                 ahead.append(self._between(trail[-1], ahead[-1]))

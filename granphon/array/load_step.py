@@ -37,6 +37,9 @@ _NEWTON_STEPS, _PATIENCE = 120, 15
 #: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
 #: of the residual that is left before
 _SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
+#: friction coefficient below which contacts are made soft against slip at first; by how much they then become stiffer at a
+#: time; the part of it that may be left of balance then; and the largest number of steps of Newton's method for each
+_SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
 #: number of steps of Newton's method after which no new limits are found
 _MOST_STEPS = 600
 #: largest number of iterations of a step of Newton's method
@@ -92,9 +95,10 @@ class LoadStep:
         to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
         which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
         """
-        trial = self._iterate(self._try(balls, overlap), _NEWTON_STEPS, _PATIENCE)
+        near = self._stiffen(self._try(balls, overlap))
+        trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
         if not is_balanced(trial) and self._slides:
-            lagged = trial.follow(self._try(balls, overlap))
+            lagged = trial.follow(near)
             for _ in range(_LAGS):
                 if lagged.left == math.inf or lagged.newton > _MOST_STEPS:
                     break
@@ -108,12 +112,39 @@ class LoadStep:
                 lagged = trial.follow(lagged)
         return trial
 
-    def _iterate(self, trial: Trial, most: int, patience: int, guess: Array | None = None) -> Trial:
-        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual."""
+    def _stiffen(self, trial: Trial) -> Trial:
+        """Return a state near balance if friction is small; otherwise the state as it is.
+
+        With small friction all contacts slide but for as few as hold the balls from turning, and Newton's method does not
+        find out which. If contacts are soft against slip, fewer slide. They become stiffer and stiffer, and each equilibrium
+        is near the one before. The limits of sliding are those of the overlaps before, which friction hardly changes.
+        """
+        mu, guess, first = self._law.friction_coefficient, None, trial
+        if not self._slides or self._drag or mu >= _SMALL_FRICTION:
+            return trial
+        for stage in range(math.ceil(math.log(_SMALL_FRICTION / mu, _STIFFER)), -1, -1):
+            law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
+            step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._drag)
+            trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
+            trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
+            if trial.left == math.inf:
+                return trial.follow(first)
+            guess = trial.contacts.overlaps
+        return trial.follow(self._try(trial.balls, trial.overlap))
+
+    def _iterate(
+        self, trial: Trial, most: int, patience: int, guess: Array | None = None, enough: float | None = None
+    ) -> Trial:
+        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual.
+
+        It ends where no more than ``enough`` is left of balance, or with a ``guess`` a part of what was left.
+        """
         before, hold, slow = math.inf, 1.0, False
-        aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
+        aim = 0.0 if guess is None or enough is not None else _LAG_REDUCTION * trial.size
         for count in range(most):
             if is_balanced(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
+                break
+            if enough is not None and max(trial.left, trial.missed) <= enough:
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * before:
@@ -268,6 +299,7 @@ class LoadStep:
         held = after.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends, held[at], after.slips[0][at][None])
         turn = _unwind(bent[0], springs * arms, limits, arms)
+        turn = np.where(_find_first(stencils, at, arms, np.clip(bent[0], -limits, limits)), turn, 0.0)
         balls = trial.balls.copy()
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
         fields[:, 0][loose.reshape(stencils.n_balls, *stencils.shape)] += turn
@@ -295,6 +327,19 @@ def _find_contacts(stencils: Stencils, chosen: NDArray[np.bool_]) -> tuple[tuple
             places.append([np.full_like(ball, kind), *start])
             arms.append(np.where(ball == one, sign * dict(ends).get(count * one + turning, 0.0), 0.0))
     return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
+
+
+def _find_first(stencils: Stencils, at: tuple[Any, ...], arms: Array, bent: Array) -> NDArray[np.bool_]:
+    """Return which of the balls have a larger torque than the others among them that they touch.
+
+    Balls that touch would each undo what the other's turn has brought.
+    """
+    torques = np.abs(np.sum(arms * bent, axis=0))
+    places = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
+    greatest = np.zeros(stencils.n_contacts * math.prod(stencils.shape))
+    felt = np.where(arms != 0.0, torques, 0.0)
+    np.maximum.at(greatest, places, felt)
+    return np.asarray(np.all(felt >= np.where(arms != 0.0, greatest[places], 0.0), axis=0))
 
 
 def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:

@@ -51,6 +51,12 @@ class GranphonError(Exception):
     option: str | None = None
     reached: Any = None
 
+    def restate(self, text: str) -> Self:
+        """Return an error of the same kind with another text, and with what this one knows of its load and option."""
+        other = type(self)(text)
+        other.load_index, other.option, other.reached = self.load_index, self.option, self.reached
+        return other
+
 
 class InputError(GranphonError, ValueError):
     """A value of the wrong kind, out of range, or inconsistent with another."""
@@ -112,10 +118,9 @@ class InstabilityError(GranphonError, RuntimeError):
 class ConvergenceError(GranphonError, RuntimeError):
     """An iteration has not reached its tolerance; the message says what it has reached.
 
-    ``reached`` is the last state of a loading history before the failure; None elsewhere.
+    ``reached`` is the last state of a loading history before the failure, the state at the loads of a path before it, or the
+    data set of a sweep at these loads; None elsewhere.
     """
-
-    reached: Any = None
 
 
 class UnsupportedError(GranphonError, NotImplementedError):

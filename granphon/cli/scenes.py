@@ -66,7 +66,7 @@ def check_scene(scene: SceneFile) -> None:
     """Check a scene, and show its values.
 
     Shows the values in readable units, the files that a run would write, the time and memory of a long run, and at which
-    loads a limit of the model is passed. Writes nothing and simulates nothing; long checks are left to the run.
+    loads a limit of the model is passed. Writes nothing and simulates no load; long checks are left to the run.
 
     \b
     Example:

@@ -152,9 +152,10 @@ class Accuracy:
             return None
         part = self._of(packing.structure, truth)
         if part is None:
-            known = ", ".join(self.data["loaded"] if truth.is_loaded else self._parts)
+            *others, last = self.data["loaded"] if truth.is_loaded else self._parts
+            known = f"{', '.join(others)} and {last} lattices" if others else f"{last} lattice"
             against = " against arrays loaded with friction" if truth.is_loaded else ""
-            return f"none were measured on the {packing.structure.name} lattice{against}; they were on {known}"
+            return f"none were measured on the {packing.structure.name} lattice{against}; they were on the {known}"
         if packing.structure.periods == 2 and packing.motions not in (None, IN_PLANE.name):
             return "the errors are those of balls that move in the plane alone"
         if packing.torsion or packing.bending:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.gas import GAS
-from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
+from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory, PressedArray
 from granphon.array.pressed_sample import SHEAR_RESPONSES, ContinuedHistory, PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
 from granphon.array.true_geometry import ExactGeometry, require_small
@@ -31,6 +31,7 @@ from granphon.media.sampled_balls import SampledBalls, require_standing
 __all__ = [
     "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "press",
     "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history", "require_above",
+    "require_path",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -302,7 +303,10 @@ def press(
     return Pressed(found)
 
 
-def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
+def _begin(
+    packing: Packing, deviations: Array, loading: Loading, workers: int
+) -> tuple[ContinuedHistory, PressedArray, Stencils]:
+    """Return the history of a sample of different balls at its start, and stencils without friction."""
     structure, shape = packing.structure, deviations.shape[packing.structure.n_balls > 1 :]
     smooth = Stencils(shape, workers=workers, lattice=structure)
     stencils = Stencils(shape, loading.mindlin_ratio, workers, structure)
@@ -315,6 +319,21 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
     except GranphonError as error:
         error.option = "start"
         raise
+    return history, here, smooth
+
+
+def require_path(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> None:
+    """Raise as :func:`press` would before its first step, where the start is not at the gas: only the start is solved."""
+    if loading.ordered or not np.ptp(deviations):
+        return
+    _, here, smooth = _begin(packing, deviations, loading, workers)
+    smooth.forget()
+    require_above(Prescribed(here.overlap, here.force), path)
+
+
+def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
+    history, here, smooth = _begin(packing, deviations, loading, workers)
+    stencils = history.stencils
     if not loading.ordered:
         require_above(Prescribed(here.overlap, here.force), path)
     states = history.path(path)

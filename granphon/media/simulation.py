@@ -29,7 +29,7 @@ from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tenso
 from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
-from granphon.media.loading import LoadedBalls, Loading, press_all, require_above
+from granphon.media.loading import LoadedBalls, Loading, press_all, require_above, require_path
 from granphon.media.medium import Loaded
 from granphon.media.sample_means import SampleMeans
 from granphon.media.state import read_finite_overlap
@@ -418,6 +418,19 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         loading = self.loading
         if loading is not None and not loading.ordered and isinstance(loading.start, Prescribed) and self.packing.width:
             require_above(loading.start, prescribe(self.packing, load))
+
+    def require_start(self, load: Load) -> None:
+        """Raise as :meth:`require` does where the start of a loading is of another kind than the load: the start is solved.
+
+        A start as a force is at another overlap in each sample, and one as an overlap at another force.
+        """
+        loading = self.loading
+        if loading is None or loading.ordered or not isinstance(loading.start, Prescribed):
+            return
+        path = self.prescribed(load)
+        if any((one.overlap is None) != (loading.start.overlap is None) for one in path):
+            for index in range(self.samples):
+                require_path(self.packing, read_only(self.deviations(index)), loading, path, self.workers)
 
 
 def no_finite_overlap(medium: str) -> InputError:

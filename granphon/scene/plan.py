@@ -48,6 +48,8 @@ MOST_CASES = 100
 MOST_STATES = 20_000
 #: greatest number of balls of an array whose waves are checked when a scene is read
 QUICK_BALLS = 100_000
+#: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found when a scene is read
+QUICK_STARTS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +104,15 @@ class PlannedCase:
                     continue
                 contact_lattice(self._find_state(index) if index else self.state)
         return True
+
+    def require_start(self, most: int) -> None:
+        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls in all."""
+        for rung in self.rungs:
+            medium = rung.medium.of(self.case.packing) if rung.medium.simulates else None
+            if isinstance(medium, DirectSimulation) and medium.samples * medium.balls <= most:
+                index = int(rung.loads[np.argmin(np.ravel(self.case.load.array)[rung.loads])])
+                with self.at_load(index, f"{self.case.label}: "):
+                    medium.require_start(self._select_load(index))
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`Origin`."""
@@ -222,6 +233,7 @@ class Plan:
                     _ = medium.response  # likewise
             if not later:
                 one.require()
+            one.require_start(QUICK_STARTS // len(few))
         self.require_waves(QUICK_BALLS)
 
     def require_waves(self, most: float = math.inf) -> None:

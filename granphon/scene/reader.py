@@ -81,7 +81,9 @@ class Origin:
             if (option := getattr(error, "option", None)) is not None:
                 place, given = self._place_option(option)
                 before = f"found {given}; allowed: {_ALLOWED[option]}; "
-            raise self.document.error(place, f"{before}{error}") from None
+            placed = self.document.error(place, f"{before}{error}")
+            placed.reached = getattr(error, "reached", None)
+            raise placed from None
 
     def _place_option(self, option: str) -> tuple[tuple[str | int, ...], str]:
         """Path and text of an option of a medium; the path of the media if none of them has it, or several have."""

@@ -15,6 +15,7 @@ forces.png             force chains of that sample, and the distribution of the 
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
 sweep.png              of a sweep: velocities and exponents over the load, and the velocity of pulses
+sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads before, and nothing else
 sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
 sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
@@ -48,12 +49,14 @@ WAVE_FILES: dict[str, tuple[str, ...]] = {
 SWEEP_TABLES = {"dos": "sweep_dos.csv", "spectrum": "sweep_spectra.csv"}
 #: names of their figures
 SWEEP_FIGURES = tuple(name.replace(".csv", ".png") for name in SWEEP_TABLES.values())
+#: the loads of a sweep that were reached, where a path of loads has ended early
+INCOMPLETE_FILES = ("sweep_incomplete.nc", "sweep_incomplete.csv")
 #: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", *SAMPLE_TABLES,
     "bands.png", "dos.png",
     "forces.png", *(name for names in WAVE_FILES.values() for name in (*names, names[0].replace(".json", ".png"))),
-    "sweep.nc", "sweep.csv", "sweep.png",
+    "sweep.nc", "sweep.csv", "sweep.png", *INCOMPLETE_FILES,
     *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
 )  # fmt: skip
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been written

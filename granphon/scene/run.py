@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.array.atoms import write_extxyz
 from granphon.array.pressed_sample import PressedSample
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.staging import ResultFiles
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
@@ -295,7 +295,8 @@ def run(
     FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part of another scene or version
         would be discarded; or a file may not be replaced at all. Raised before anything is computed.
     OutputError : the folder cannot be written, or another run is writing into it.
-    GranphonError : the computation fails; then no result has been written.
+    GranphonError : the computation fails; then no result has been written. If a path of loads with friction ends early, the
+        loads before it are in sweep_incomplete.nc and sweep_incomplete.csv, and ``reached`` of the error is their data set.
     """
     target, (names, drawn) = Path(folder), list_files(scene)
     drawn = drawn if figures else ()
@@ -314,7 +315,14 @@ def run(
         open_store(target / WORK_FILE, force) as store,
     ):
         if scene.is_sweep:
-            result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+            try:
+                result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+            except GranphonError as error:
+                if error.reached is None:
+                    raise
+                from granphon.sweeps.unfinished import keep_incomplete  # imported here: it needs what only a sweep needs
+
+                raise keep_incomplete(error, locked, "sweep.nc", store) from None
         else:
             state = _find_state(scene, progress, executor, store)
             with scene.plan.origin.where_it_buckles():

@@ -35,6 +35,7 @@ from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.records import RecordedState, SampleRecord
+from granphon.sweeps.unfinished import end_early, find_reached, mark_as, spread, strip
 from granphon.sweeps.workers import packages
 from granphon.waves.settings import WaveSettings
 
@@ -91,11 +92,12 @@ class Work:
             found.append(job.join(list(islice(left, len(job.pieces)))))
         if len(found) == 1:
             return found[0]
+        marks, found = mark_as(found, [job.rung.loads for job in self.jobs]), [strip(part) for part in found]
         order = np.argsort(np.concatenate([job.rung.loads for job in self.jobs]))
         out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
         for name in [name for name in found[0] if name != "warnings" and all(name in part for part in found)]:
             out[name] = np.concatenate([part[name] for part in found])[order]
-        return out
+        return out | marks
 
     def choices(self) -> TaskResult:
         """Return the medium that serves each load, and its expected error, +inf where that is not known."""
@@ -182,13 +184,17 @@ class Job:
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`pieces` together."""
-        medium = self.medium
+        """Put the results of the :attr:`pieces` together, at the loads that all of them have reached."""
+        medium, size = self.medium, self.load.size
         if not isinstance(medium, DirectSimulation):
             return parts[0]
-        records = [SampleRecord.from_part(part, index) for index in range(self.load.size) for part in parts]
-        out = self.observe(RecordedState.of(medium, records, self.load))
-        return out if self.waves is None else _add_waves(out, self.load, records, self.waves, medium.packing)
+        places, own = find_reached(parts, size), [strip(part) for part in parts]
+        load = self.load if len(places) == size else self.load[places]
+        records = [SampleRecord.from_part(part, index) for index in places for part in own]
+        out = self.observe(RecordedState.of(medium, records, load))
+        if self.waves is not None:
+            out = _add_waves(out, load, records, self.waves, medium.packing)
+        return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
 
     @property
     def steps(self) -> int:
@@ -316,16 +322,14 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
 
 def _name_load(where: str, load: Load, index: int, error: GranphonError, periods: int) -> GranphonError:
     """Return ``error`` with the task and the load number ``index`` before its message; its ``load_index`` is that number."""
-    located = type(error)(f"{where}, {load[index].describe(periods)}: {error}")
+    located = error.restate(f"{where}, {load[index].describe(periods)}: {error}")
     located.load_index = index
     return located
 
 
 def _name_task(where: str, error: GranphonError) -> GranphonError:
     """Return ``error`` with the task before its message."""
-    located = type(error)(f"{where}: {error}")
-    located.option = error.option
-    return located
+    return error.restate(f"{where}: {error}")
 
 
 def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tuple[str, ...]]:
@@ -371,7 +375,7 @@ class _SampleJob(Job):
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
         if self._has_history:
-            return super().solve()
+            return self._follow_path()
         index: int | None = None
         try:
             simulation: Any = self.medium
@@ -391,6 +395,17 @@ class _SampleJob(Job):
             rest = sample.equilibrium
             return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
         return {name: value[np.argsort(order)] for name, value in found.items()}
+
+    def _follow_path(self) -> TaskResult:
+        """Return what is averaged at all loads of a path; or at those before the path ends, if it ends early."""
+        simulation: Any = self.medium
+        try:
+            return super().solve()
+        except GranphonError as error:
+            if error.reached is None:
+                raise
+            order, count = simulation.loading.sort(simulation.prescribed(self.load)), len(error.reached.force)
+            return end_early(self.observe(error.reached), sorted(order[:count]), self.load.size, error)
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...)."""

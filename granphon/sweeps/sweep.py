@@ -23,7 +23,7 @@ from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
-from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError, message
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles
 from granphon.base.validation import block, require, truth
@@ -37,6 +37,7 @@ from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
 from granphon.sweeps.jobs import Work, to_json
 from granphon.sweeps.store import Store, open_store
 from granphon.sweeps.tasks import solve_all
+from granphon.sweeps.unfinished import incomplete_files, keep_incomplete, require_complete, strip
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
 
 if TYPE_CHECKING:
@@ -140,6 +141,9 @@ def sweep(
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and ``overwrite`` is off;
         raised before anything is computed.
     OutputError : the files cannot be written; raised before anything is computed if that can be known by then.
+    ConvergenceError : a path of loads with friction ends before its last load. When all other tasks are done, ``reached`` of
+        the error is the data set at the loads that every medium has reached, and these are written beside ``path`` as
+        sweep_incomplete.nc and sweep_incomplete.csv.
     GranphonError : a medium has no solution. The message names medium, parameters and load, and ``load_index`` is the index
         of that load. No result is written then.
     """
@@ -191,14 +195,25 @@ def sweep_grid(
     qpoints = None if way is None else way.qpoints
     works = [Work(case, qpoints, grid.direction, grid.waves, grid.exponents) for case in cases]
     pieces = [work.pieces for work in works]
-    folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
+    files = (
+        None
+        if target is None
+        else ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_files(target.name))
+    )
+    folder = nullcontext() if files is None else files.open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
         place.claim(collect_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
         parts = [work.join(found[first:last]) for work, (first, last) in zip(works, pairwise(ends), strict=True)]
-        dataset = fill(frame, grid, works, parts)
+        dataset = fill(frame, grid, works, [strip(part) for part in parts])
+        try:
+            require_complete(parts, dataset)
+        except ConvergenceError as error:
+            if locked is None or target is None or error.reached is None:
+                raise
+            raise keep_incomplete(error, locked, target.name, place) from None
         if locked is not None and target is not None:
             with locked.staging() as stage:
                 write_sweep(dataset, stage / target.name)
