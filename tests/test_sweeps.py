@@ -1154,6 +1154,16 @@ def test_a_store_that_is_removed_or_replaced_meanwhile_is_named(tmp_path, replac
     assert list(dict(read_entries(tmp_path / "other"))) == ["a"]
 
 
+def test_a_store_that_may_not_be_written_is_found_out_first(rough, interrupted, monkeypatch):
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != PARTIAL and access(path, mode))
+    told = r"\.sweep\.nc\.partial cannot be written: Permission denied\. What was finished before is kept\. Run the same"
+    with counting() as begun, ThreadPoolExecutor(1) as executor, pytest.raises(OutputError, match=told):
+        sweep(rough, path=interrupted / "sweep.nc", executor=executor, **ARGUMENTS)
+    assert begun == []
+    assert len(parts_in(interrupted)) == 4
+
+
 def test_a_store_that_is_emptied_meanwhile_goes_on(tmp_path):
     store = Store(tmp_path / "store")
     store.append("a", encode("a", {"x": np.zeros(1)}))

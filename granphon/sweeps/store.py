@@ -80,7 +80,7 @@ class Store:
 
         Raises
         ------
-        OutputError : ``path`` exists and is no store.
+        OutputError : ``path`` exists and is no store, or may not be written to.
         FileExistsInRunError : there is a result of another work that is not among ``names``, and ``force`` is off. If
             ``force`` is on, all results are discarded instead.
         """
@@ -89,6 +89,8 @@ class Store:
         self._home = _identify_folder(self.path.parent)
         text = json.dumps(identity, sort_keys=True)
         there, mine = self._list(), json.loads(text)
+        if there and not os.access(self.path, os.W_OK):
+            raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
         before = _read_identity(self._before)
         if (identity is None or before != mine) and there.keys() - set(names()):
             if not self.force:
