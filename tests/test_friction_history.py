@@ -15,10 +15,10 @@ from scipy.optimize import root
 from test_stencils import Explicit, cartesian
 
 import granphon as gp
-from granphon.array import gas, load_step
+from granphon.array import friction, gas, load_step
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
-from granphon.array.friction import SLIDES, Contacts, FrictionLaw, Tangent
+from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import multiply
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
@@ -366,7 +366,7 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls():
         (state,) = run(history((8, 8), mu, seed=1, start=start), ramp(0.5, 0.8, steps=1))
         changes.append(np.linalg.norm(state.contacts.forces - smooth.forces))
         closed = state.contacts.forces > 0.0
-        assert np.sum(state.law.mobilise(state.contacts)[closed] < SLIDES) == 64  # as many as there are rotations
+        assert np.sum(state.law.mobilise(state.contacts)[closed] < friction.SLIDES) == 64  # as many as there are rotations
     assert changes[0] / changes[1] == pytest.approx(100.0, rel=0.02)
 
 
