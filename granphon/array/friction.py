@@ -198,8 +198,8 @@ class FrictionLaw:
         """
         old = before.roots
         less = np.minimum(old, new)  # where h falls, as if it had been at its end before
-        total = np.maximum(less + new, _TINY)
-        springs: Array = self.mindlin_ratio * (total - less * new / total)
+        total = less + new
+        springs: Array = self.mindlin_ratio * (total - less * new / np.maximum(total, _TINY))
         # a contact that closes in the step: only the part of the step after it has closed counts
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         force = self.mindlin_ratio * new.take(opens) ** 3

@@ -61,8 +61,8 @@ class Measurements(Result):
 
     Raises
     ------
-    InputError : a value is not a finite number above zero, a velocity or its error is above that of light, or the arrays
-        have different lengths.
+    InputError : a value is not a finite number above zero, a velocity is above that of light, or the arrays have different
+        lengths.
     """
 
     units = {"force": "N", "velocity": "m/s", "sigma": "m/s", "frequency": "Hz"}
@@ -79,8 +79,8 @@ class Measurements(Result):
             if given is not None:
                 array = np.array(finite_list(name, given, self.units[name], "above zero"))
                 counts[name] = array.size
-                if self.units[name] == "m/s" and np.max(array, initial=0.0) > _LIGHT:
-                    what = f"{name} is {np.max(array):.6g} m/s, more than the velocity of light"
+                if name == "velocity" and np.max(array, initial=0.0) > _LIGHT:
+                    what = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
                     raise InputError(message(what, mend="Look at the unit, and at the number itself"))
                 object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
         n = counts["force"]
