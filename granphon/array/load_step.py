@@ -42,8 +42,8 @@ _MOST_STEPS = 600
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
 #: number of iterations of a step of Newton's method that Green's function may take, and the number beyond, of all steps
-#: together, at which the matrix is factorised
-_FEW, _WASTE = 30, 250
+#: together, at which the matrix of up to so many balls is factorised; for more balls it grows as their root, as factors cost
+_FEW, _WASTE, _WASTE_BALLS = 30, 250, 4096
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
 #: distance from balance
 _LOOSEST, _FORCING = 0.1, 1.0
@@ -196,7 +196,8 @@ class LoadStep:
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
-        hard = self._wasted >= _WASTE
+        balls = math.prod(stencils.ball_shape)
+        hard = self._wasted >= _WASTE * max(1.0, math.sqrt(balls / _WASTE_BALLS))
         self._factorised |= hard  # factors then serve for the rest of the step
         inverse = self._invert(tangent, hard)
         held = np.float32(1.0 / tangent.stiffness.size)
