@@ -204,7 +204,7 @@ class LoadStep:
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
 
         def apply(vector: Single) -> Single:
-            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else None
             pull, push = product(balls, press)
             return np.append(pull, np.float32(push)) if free else np.ravel(pull)
 
@@ -239,7 +239,7 @@ class LoadStep:
         def apply(force: Single) -> Single:
             motion = np.zeros_like(force)
             relax(force, motion)
-            motion += carry(force - product(motion, 0.0)[0])
+            motion += carry(force - product(motion, None)[0])
             return motion
 
         return apply
