@@ -23,8 +23,8 @@ __all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Pla
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
 Law = Callable[[Array, Array], tuple[Array, Array]]
-#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y; if that is None,
-#: y is held, and the sum is not asked for
+#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y; without one, y
+#: is held and the sum is not asked for
 Product = Callable[[Single, float | None], tuple[Single, float]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
