@@ -23,8 +23,9 @@ __all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Pla
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
 Law = Callable[[Array, Array], tuple[Array, Array]]
-#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y
-Product = Callable[[Single, float], tuple[Single, float]]
+#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y; without one, y
+#: is held and the sum is not asked for
+Product = Callable[[Single, float | None], tuple[Single, float]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
 
@@ -175,7 +176,7 @@ def multiply(stencils: Stencils, tangent: Tangent) -> Product:
     springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
     push = 0.0
 
-    def product(balls: Single, press: float) -> tuple[Single, float]:
+    def product(balls: Single, press: float | None) -> tuple[Single, float]:
         nonlocal push
         push = 0.0
 
@@ -190,7 +191,8 @@ def multiply(stencils: Stencils, tangent: Tangent) -> Product:
             slips *= springs[..., part]
             slips -= change
             loss *= stiffness[:, part]
-            push -= float(np.sum(loss))
+            if press is not None:
+                push -= float(np.sum(loss))
             return rows
 
         return stencils.couple(balls, tension), push

@@ -45,8 +45,10 @@ _MOST_STEPS = 600
 #: largest number of iterations of a step of Newton's method
 _MOST_ITERATIONS = 300
 #: number of iterations of a step of Newton's method that Green's function may take, and the number beyond, of all steps
-#: together, at which the matrix is factorised
-_FEW, _WASTE = 30, 250
+#: together, at which the matrix of up to so many balls is factorised; for more balls it grows as their root, as factors cost
+_FEW, _WASTE, _WASTE_BALLS = 30, 250, 4096
+#: the largest number of iterations with factors after which these are kept
+_FEW_WITH_FACTORS = 10
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
 #: distance from balance
 _LOOSEST, _FORCING = 0.1, 1.0
@@ -227,14 +229,15 @@ class LoadStep:
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
-        hard = self._wasted >= _WASTE
-        self._factorised |= hard  # factors then serve for the rest of the step
+        balls = math.prod(stencils.ball_shape)
+        hard = self._wasted >= _WASTE * max(1.0, math.sqrt(balls / _WASTE_BALLS))
+        self._factorised |= hard  # factors then serve for later steps too
         inverse = self._invert(tangent, hard)
         held = np.float32(1.0 / tangent.stiffness.size)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
 
         def apply(vector: Single) -> Single:
-            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else None
             pull, push = product(balls, press)
             return np.append(pull, np.float32(push)) if free else np.ravel(pull)
 
@@ -246,8 +249,8 @@ class LoadStep:
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
         self._wasted = 0 if hard else self._wasted + max(0, taken - _FEW)
-        if self._factorised:
-            self._inverses.count(taken)
+        # factors of a tangent that has changed since are no better than Green's function, and cost more
+        self._factorised &= taken <= _FEW_WITH_FACTORS
         return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
 
     def _invert(self, tangent: Tangent, hard: bool) -> Inverse:
@@ -269,7 +272,7 @@ class LoadStep:
         def apply(force: Single) -> Single:
             motion = np.zeros_like(force)
             relax(force, motion)
-            motion += carry(force - product(motion, 0.0)[0])
+            motion += carry(force - product(motion, None)[0])
             return motion
 
         return apply

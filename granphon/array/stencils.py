@@ -132,13 +132,13 @@ class Stencils:
 
     @cached_property
     def _ends(self) -> Array:
-        """(2 rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
+        """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
         found = np.zeros((2, self.n_rows, self.n_fields))
         for ends, name in zip(found, ("head", "tail"), strict=True):
             for line, row in zip(ends, self._rows, strict=True):
                 for field, factor in getattr(row, name):
                     line[field] = factor
-        return found.reshape(-1, self.n_fields)
+        return found
 
     @property
     def rows(self) -> list[ArrayRow]:
@@ -292,25 +292,24 @@ class Stencils:
         """Return C^T f as :meth:`balance`, from ``tension(part, deformations)`` of all kinds at once, (rows, m)."""
         room = self.rooms.fill(balls)
         self.rooms.wrap(room)
-        out, ends = np.zeros_like(room), self._ends.astype(room.dtype)
+        out, (head, tail) = np.zeros_like(room), self._ends.astype(room.dtype)
         flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
-        steps, n = self._steps, self.n_rows
+        steps = self._steps
         least, most = min(0, *steps), max(0, *steps)
         for first, end in self.rooms.spans(_CACHED // 4):
             low, size = first + least, end - first
             near = slice(low, end + most)
             # what each kind takes from the ball at either end
-            parts = _multiply(ends, flat[:, near])
-            found = np.empty((n, size), room.dtype)
+            parts, found = _multiply(head, flat[:, near]), _multiply(tail, flat[:, first:end])
             for kind, step in enumerate(steps):
                 at = step - least
-                np.subtract(parts[kind, at : at + size], parts[n + kind, -least : size - least], out=found[kind])
+                np.subtract(parts[kind, at : at + size], found[kind], out=found[kind])
             pull = tension(slice(first, end), found)
             parts[...] = 0.0
             for kind, step in enumerate(steps):
                 parts[kind, step - least : step - least + size] = pull[kind]
-            np.negative(pull, out=parts[n:, -least : size - least])
-            forces[:, near] += _multiply(ends.T, parts)
+            forces[:, near] += _multiply(head.T, parts)
+            forces[:, first:end] -= _multiply(tail.T, pull)
         return self.rooms.fold(out)
 
     def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:

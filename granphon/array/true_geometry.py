@@ -310,8 +310,8 @@ class ExactPlace:
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
 
-        def product(balls: Single, press: float) -> tuple[Single, float]:
-            pull, push = self.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
+        def product(balls: Single, press: float | None) -> tuple[Single, float]:
+            pull, push = self.respond(Motion(balls.astype(float), press or 0.0), tangent.apply, forces, shears)
             return pull.astype(np.float32), push
 
         return product
