@@ -29,8 +29,8 @@ class ClusterMedium(LawMedium):
 
     It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
     diameters, so many that their standard error is below 1e-4 of the force where the medium is valid. The first state takes
-    up to 50 s with the first shell, and minutes with more; the law is then kept for its distribution, lattice, Mindlin ratio
-    and number of balls.
+    half a minute with the first shell and up to a minute and a half with more, of one processor; all processors share this.
+    The law is then kept for its distribution, lattice, Mindlin ratio and number of balls.
 
     Parameters
     ----------
