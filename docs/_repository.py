@@ -36,7 +36,10 @@ def web_address(remote: str, root: Path) -> str | None:
     """
     scheme, separator, _ = remote.partition("://")
     if separator:
-        parts = urlsplit(remote)
+        try:
+            parts = urlsplit(remote)
+        except ValueError:
+            return None
         if scheme == "file":
             return remote
         if scheme not in ("http", "https", "git", "ssh", "git+ssh", "ssh+git") or not parts.hostname:
@@ -65,7 +68,7 @@ def linked(text: str, repository: str | None) -> str:
     def link(words: re.Match[str]) -> str:
         return f'<a class="reference external" href="{html.escape(repository)}">{words[0]}</a>'
 
-    return re.sub(r"(?<!# )\bthe repository\b", link, text, flags=re.IGNORECASE)
+    return re.sub(r"(?<!# )(?<![\[`])\bthe repository\b(?![\]`])", link, text, flags=re.IGNORECASE)
 
 
 def _page(path: str) -> str:

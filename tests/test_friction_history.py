@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from test_stencils import Explicit, cartesian
@@ -368,6 +369,27 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls():
         closed = state.contacts.forces > 0.0
         assert np.sum(state.law.mobilise(state.contacts)[closed] < friction.SLIDES) == 64  # as many as there are rotations
     assert changes[0] / changes[1] == pytest.approx(100.0, rel=0.02)
+
+
+def test_the_smallest_friction_coefficients_are_numbers_like_others():
+    smooth = equilibrate(balls((4, 4), 1), Prescribed(overlap=0.3))
+    for mu in (1e-12, 1e-310, 5e-324):
+        (state,) = run(history((4, 4), mu, seed=1), ramp(0.5, 0.8, steps=1))
+        assert_allclose(state.contacts.forces, smooth.forces, atol=1e-9 * np.mean(smooth.forces))
+
+
+def test_the_law_is_one_for_every_order_of_memory():
+    draw, law = np.random.default_rng(5), FrictionLaw(ETA, 0.2)
+    shape = (3, 4, 5)
+    before = Contacts(draw.normal(size=shape), draw.normal(size=(1, *shape)), np.zeros((1, *shape)))
+    overlaps, slips = draw.normal(size=shape), draw.normal(size=(1, *shape))
+    (one, find), (other, find_other) = (
+        law.advance(before, order(overlaps), order(slips)) for order in (np.ascontiguousarray, np.asfortranarray)
+    )
+    assert_array_equal(one.shears, other.shears)
+    for name in ("stiffness", "shear", "coupling", "sliding"):
+        assert_array_equal(getattr(find(), name), getattr(find_other(), name))
+    assert find() is find()
 
 
 def test_balls_that_touch_are_not_turned_at_once():

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +172,7 @@ class FrictionLaw:
         def linearise() -> Tangent:
             stiffness, shear = 1.5 * contacts.roots, springs
             directions = np.zeros_like(contacts.shears)
-            coupling = self._couple(before, contacts) if guess is None else np.zeros_like(directions)
+            coupling = self._couple(before, contacts) if guess is None else np.zeros(slips.shape)
             if len(slide):
                 shear = springs.copy()
                 shear.reshape(-1)[slide] *= share
@@ -183,7 +183,7 @@ class FrictionLaw:
                 flat[:, slide] = share * part + mu * stiffness.take(slide) * sliding
             return Tangent(stiffness, shear, coupling, directions)
 
-        return contacts, linearise
+        return contacts, cache(linearise)
 
     def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
         """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
@@ -203,7 +203,7 @@ class FrictionLaw:
         # a contact that closes in the step: only the part of the step after it has closed counts
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         force = self.mindlin_ratio * new.take(opens) ** 3
-        springs.reshape(-1)[opens] = force / (overlaps.take(opens) - before.overlaps.take(opens))
+        np.put(springs, opens, force / (overlaps.take(opens) - before.overlaps.take(opens)))
         np.multiply(springs, slips - before.slips, out=shears)
         shears += less * before.bent
         return springs
@@ -216,8 +216,9 @@ class FrictionLaw:
         slope: Array = (0.5 * eta) * (1.0 + less * over) * over
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         width, root = after.overlaps.take(opens) - before.overlaps.take(opens), new.take(opens)
-        slope.reshape(-1)[opens] = eta * (1.5 * root - root**3 / width) / width
-        coupling: Array = slope * (after.slips - before.slips)
+        np.put(slope, opens, eta * (1.5 * root - root**3 / width) / width)
+        coupling = np.empty(after.slips.shape)  # in the order of its indices, whatever that of the slips
+        np.multiply(slope, after.slips - before.slips, out=coupling)
         # where h falls, the stiffness does as k does at the end, twice as fast, and what T was before in proportion
         coupling += (new < old) * (coupling + over * before.bent)
         return coupling

@@ -40,6 +40,8 @@ _SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
 #: friction coefficient below which contacts are made soft against slip at first; by how much they then become stiffer at a
 #: time; the part of it that may be left of balance then; and the largest number of steps of Newton's method for each
 _SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
+#: largest number of times that they become stiffer: smaller numbers lose digits
+_MOST_STAGES = 300
 #: number of steps of Newton's method after which no new limits are found
 _MOST_STEPS = 600
 #: largest number of iterations of a step of Newton's method
@@ -102,7 +104,7 @@ class LoadStep:
         if not is_balanced(trial) and self._slides:
             lagged = trial.follow(near)
             for _ in range(_LAGS):
-                if lagged.left == math.inf or lagged.newton > _MOST_STEPS:
+                if lagged.left == math.inf or lagged.newton > near.newton + _MOST_STEPS:
                     break
                 guess = lagged.contacts.overlaps
                 lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
@@ -124,7 +126,9 @@ class LoadStep:
         mu, guess, first = self._law.friction_coefficient, None, trial
         if not self._slides or self._drag or mu >= _SMALL_FRICTION:
             return trial
-        for stage in range(math.ceil(math.log(_SMALL_FRICTION / mu, _STIFFER)), -1, -1):
+        # a difference of logarithms: the ratio of the smallest numbers overflows
+        stages = math.ceil((math.log(_SMALL_FRICTION) - math.log(mu)) / math.log(_STIFFER))
+        for stage in range(min(stages, _MOST_STAGES), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
             step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._drag)
             trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
@@ -333,7 +337,7 @@ def _find_contacts(stencils: Stencils, chosen: NDArray[np.bool_]) -> tuple[tuple
 
 
 def _find_first(stencils: Stencils, at: tuple[Any, ...], arms: Array, bent: Array) -> NDArray[np.bool_]:
-    """Return which of the balls have a larger torque than the others among them that they touch.
+    """Return which of the balls have a torque that none of the others among them that they touch exceeds.
 
     Balls that touch would each undo what the other's turn has brought.
     """

@@ -161,4 +161,6 @@ def tradeoff_figure(result: TradeOff) -> Figure:
             plot_work_precision(result, study, ax)
         for ax in axes[len(studies) :]:
             ax.set_axis_off()
+        # the layout changes the width of the axes, and with it the ticks, whose labels the layout is made for
+        figure.draw_without_rendering()
     return figure

@@ -106,6 +106,7 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
 
     At every other one it is taken off whole. Between them means are those of the cubic polynomial through the nearest four,
     and what a survey says that they are off it. What is taken off the stiffness is the slope of what is taken off the force.
+    Errors of the whole ones count as independent: they share a few points of their long descents, and few else.
     """
     from scipy.interpolate import CubicSpline
 
