@@ -21,8 +21,7 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, _sort_options
-from granphon.media.choice import read_medium as medium
+from granphon.media.choice import MediumChoice, _sort_options, read_medium
 from granphon.media.ladder import expected_error
 from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene
@@ -163,7 +162,7 @@ def test_on_a_line_every_medium_is_exact(rough, unit):
 def test_no_medium_has_an_error_where_all_are_exact(rough, unit, word):
     load = Load("force", [0.01 * unit, unit])
     for exact in (replace(rough, lattice="chain"), replace(rough, spread=None)):
-        assert_array_equal(expected_error(medium(word), exact, load), np.zeros(2))
+        assert_array_equal(expected_error(read_medium(word), exact, load), np.zeros(2))
 
 
 @pytest.mark.exhaustive

@@ -536,6 +536,36 @@ def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(lo
     scene(load=load, medium=given.replace("shape: 4 4", "shape: 200 200"))  # that would take long
 
 
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        (("shape: 70 70",), True),
+        (("shape: 71 71",), False),
+        (("samples: 8",), True),
+        (("samples: 9",), False),  # small samples take as long as one of 625 balls
+        (("shape: 15 15", "geometry: exact"), True),
+        (("shape: 16 16", "geometry: exact"), False),
+        (("samples: 3", "geometry: exact"), False),
+        (("samples: 8", "start: {force: 0.01 N}"), False),  # the rest at a low force takes long
+    ],
+)
+def test_starts_are_found_when_a_scene_is_read_if_they_are_quick(given, found, monkeypatch):
+    asked = []
+    monkeypatch.setattr(gp.DirectSimulation, "require_start", lambda *given: asked.append(given))
+    load = "{overlap: 0.4 um}" if "start" in given[-1] else "{force: 2 N}"
+    medium = options(*HISTORY, *given)
+    scene(load=load, medium=medium.replace("shape: 4 4, ", "", "shape" in given[0]))
+    assert bool(asked) == found
+
+
+def test_starts_are_counted_over_all_cases(monkeypatch):
+    asked = []
+    monkeypatch.setattr(gp.DirectSimulation, "require_start", lambda *given: asked.append(given))
+    one = options(*HISTORY, "samples: 4")
+    scene(medium=f"[{one}, {one.replace('0.2', '0.3')}, {one.replace('0.2', '0.4')}, ema]")
+    assert len(asked) == 2
+
+
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
     step = LoadingHistory.step
 

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import pickle
 import random
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.testing import assert_array_equal
 
 import granphon as gp
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, Refused
+from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
 from granphon.dynamics.modes import Modes
 from granphon.media.sample_means import SampleMeans
@@ -331,7 +332,6 @@ def test_read_only_copies():
 
 def test_copies_and_pickles_are_equal_and_read_only():
     import copy
-    import pickle
 
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 2.0])
@@ -347,3 +347,16 @@ def test_a_refusal_goes_on_with_what_is_no_sentence_of_its_own():
     assert str(Refused("1", "a word", "the table is empty.")) == "found 1; allowed: a word; the table is empty."
     assert str(Refused("1", "a word", "Did you mean 'one'?")) == "found 1; allowed: a word. Did you mean 'one'?"
     assert str(Refused("1", "a word")) == "found 1; allowed: a word."
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("short"), Refused("1", "a word", "mend it", ("key", 2)), MissingFileError("gone")]
+)
+def test_an_error_that_is_restated_keeps_all_but_its_text(error):
+    error.load_index, error.option, error.reached = 3, "start", {"force": 1.0}
+    told = str(error)
+    other = error.restate("elsewhere: short")
+    for one in (other, pickle.loads(pickle.dumps(other))):
+        assert (type(one), str(one)) == (type(error), "elsewhere: short")
+        assert vars(one) == vars(error)
+    assert str(error) == told

@@ -1127,7 +1127,7 @@ def test_damaged_parts_are_done_again(rough, serial, interrupted, damage, redone
 def test_a_file_of_the_user_is_no_store(rough, tmp_path, data):
     (tmp_path / PARTIAL).write_bytes(data)
     for overwrite in (False, True):
-        with pytest.raises(OutputError, match=r"\.sweep\.nc\.partial is no store of a sweep"):
+        with pytest.raises(OutputError, match=r"\.sweep\.nc\.partial is no store of finished tasks"):
             sweep(rough, force=5.0, path=tmp_path / "sweep.nc", overwrite=overwrite)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {PARTIAL: data}
 
@@ -1162,6 +1162,28 @@ def test_a_store_that_may_not_be_written_is_found_out_first(rough, interrupted, 
         sweep(rough, path=interrupted / "sweep.nc", executor=executor, **ARGUMENTS)
     assert begun == []
     assert len(parts_in(interrupted)) == 4
+
+
+def test_a_store_that_may_not_be_written_can_be_discarded(tmp_path, monkeypatch):
+    path, access = tmp_path / "store", os.access
+    old = Store(path)
+    old.claim({"of": "that"})
+    old.append("a", encode("a", {"x": np.zeros(1)}))
+    old.close()
+    path.chmod(0o400)
+    monkeypatch.setattr(os, "access", lambda at, mode: at != path and access(at, mode))  # root may write everything
+    with pytest.raises(FileExistsInRunError, match="--force"):
+        Store(path).claim({"of": "this"})
+    for identity in ({"of": "that"}, {"of": "this"}):  # its own results, and those that cannot be removed
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "unlink", lambda name: (_ for _ in ()).throw(PermissionError()))
+            with pytest.raises(OutputError, match="cannot be written"):
+                Store(path, force=True).claim(identity)
+        assert list(dict(read_entries(path))) == ["a"]
+    new = Store(path, force=True)
+    new.claim({"of": "this"})
+    new.append("b", encode("b", {"x": np.ones(1)}))
+    assert list(dict(read_entries(path))) == ["b"]
 
 
 def test_a_store_that_is_emptied_meanwhile_goes_on(tmp_path):
@@ -1289,7 +1311,7 @@ def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough
 def test_parts_that_belong_to_nothing_known(rough, serial, interrupted, change):
     data, first = (interrupted / PARTIAL).read_bytes(), min(entries_in(interrupted).values())[0]
     (interrupted / PARTIAL).write_bytes(change(data[:first]) + data[first:])
-    with pytest.raises(FileExistsInRunError, match="The file does not say which sweep it belongs to"):
+    with pytest.raises(FileExistsInRunError, match="The file does not say which work it belongs to"):
         sweep(rough, path=interrupted / "sweep.nc", **{**ARGUMENTS, "force": 1.0})
     assert resumed(rough, interrupted, serial) == 9 - 4  # each part says what it is
 

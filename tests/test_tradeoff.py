@@ -25,7 +25,7 @@ from granphon.cli.commands import main
 from granphon.cli.wording import describe_tradeoff
 from granphon.dynamics.local_field import local_field, local_field_on
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
-from granphon.sweeps.entries import read_entries
+from granphon.sweeps.entries import encode, read_entries
 from granphon.sweeps.store import Store, open_store
 from granphon.tradeoffs import disorder as disorder_module
 from granphon.tradeoffs import measure as tradeoffs
@@ -259,6 +259,18 @@ def test_an_interrupted_trade_off_goes_on_from_its_finished_studies(clock, tmp_p
     ]
     assert_allclose(found.seconds, expected.seconds, rtol=1e-3)
     assert found.references == expected.references
+
+
+def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(rough, monkeypatch, tmp_path):
+    found = []
+    monkeypatch.setattr(tradeoffs, "carry_out", lambda *given: found.append(given[-1]))
+    for coefficient in (0.2, 0.2000001):
+        tradeoff(rough, force=FORCES, friction_history=True, friction_coefficient=coefficient)
+    with open_store(tmp_path / "store") as store:
+        store.claim(found[0])
+        store.append("study", encode("study", {"seconds": np.ones(1)}))
+        with pytest.raises(FileExistsInRunError, match=r"against\.friction_coefficient is 0\.2 there, and 0\.2000001 here"):
+            store.claim(found[1])
 
 
 def test_the_time_of_finished_studies_counts_for_the_budget(clock, tmp_path):

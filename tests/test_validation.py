@@ -25,7 +25,7 @@ from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import STIFFNESS
-from granphon.media.mean_field import LawMedium as _ByLaw
+from granphon.media.mean_field import LawMedium
 from granphon.tradeoffs.references import balance
 
 PAGE = DOCS / "reference" / "validation.md"
@@ -290,7 +290,7 @@ class Quadratic:
 
 
 @dataclass(frozen=True)
-class Softer(_ByLaw):
+class Softer(LawMedium):
     name = "softer"
     packing: gp.Packing
 

@@ -8,6 +8,7 @@ why it matters, and how to mend it.
 from __future__ import annotations
 
 import re
+from copy import copy
 from typing import Any, Self
 
 __all__ = [
@@ -43,8 +44,8 @@ class GranphonError(Exception):
 
     ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the error is not about a
     load. It is kept when the error comes back from a worker process. ``option`` is the name of the option of a medium that
-    the error is about, as the start of a loading; None if it is about none. ``reached`` is the state at the loads of a path
-    that were reached before the error; None if there is none.
+    the error is about, as the start of a loading; None if it is about none. ``reached`` is what was found at the loads
+    of a path before the error, a state or the data set of a sweep; None if there is none.
     """
 
     load_index: int | None = None
@@ -52,9 +53,9 @@ class GranphonError(Exception):
     reached: Any = None
 
     def restate(self, text: str) -> Self:
-        """Return an error of the same kind with another text, and with what this one knows of its load and option."""
-        other = type(self)(text)
-        other.load_index, other.option, other.reached = self.load_index, self.option, self.reached
+        """Return an error of the same kind with another text, and with all else that this one knows."""
+        other = copy(self)
+        other.args = (text,)
         return other
 
 
@@ -75,8 +76,9 @@ class Refused(InputError):
         super().__init__(f"found {found}; allowed: {allowed}{tail}")
         self.found, self.allowed, self.mend, self.path = found, allowed, mend, path
 
-    def __reduce__(self) -> tuple[type[Refused], tuple[object, ...]]:
-        return Refused, (self.found, self.allowed, self.mend, self.path)  # keeps all fields through a worker process
+    def __reduce__(self) -> tuple[type[Refused], tuple[object, ...], dict[str, object]]:
+        # keeps all fields, and the text of a refusal that is restated, in a copy and through a worker process
+        return Refused, (self.found, self.allowed, self.mend, self.path), vars(self) | {"args": self.args}
 
     def under(self, *keys: str | int) -> Refused:
         """The same refusal with ``keys`` put before its path: the place of the value in what surrounds it."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from granphon.base.errors import Refused
 from granphon.base.text import closest, show
 
-__all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "load_quantities"]
+__all__ = ["DENSITY", "LENGTH", "LIGHT_VELOCITY", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "load_quantities"]
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,6 +42,8 @@ kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-1
 #: regular expression of a number without a unit
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBER = re.compile(NUMBER)
+#: velocity of light, m/s, which no sound reaches: a velocity above it has another unit, or is a mistake
+LIGHT_VELOCITY = 299_792_458.0
 #: longest text of a quantity, in characters; a longer one is refused
 _MOST_SIGNS = 100
 #: numbers between this and its inverse stay far from the ends of the floating range when any unit is applied to them

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granphon.base.arguments import finite_list, positive
 from granphon.base.errors import InputError, message
-from granphon.base.quantities import FREQUENCY, LENGTH, LOADS, TIME, Quantity, load_quantities
+from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import closest
@@ -32,8 +32,6 @@ COLUMNS: Mapping[str, Quantity] = {
     "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
     "time": TIME, "distance": LENGTH, "sigma": _SIGMA, "time_sigma": TIME, "frequency": FREQUENCY,
 }  # fmt: skip
-#: velocity of light, m/s: a sound velocity above it has another unit, or is a mistake
-_LIGHT = 299792458.0
 
 
 def _tell_column(kind: str) -> str:
@@ -79,7 +77,7 @@ class Measurements(Result):
             if given is not None:
                 array = np.array(finite_list(name, given, self.units[name], "above zero"))
                 counts[name] = array.size
-                if name == "velocity" and np.max(array, initial=0.0) > _LIGHT:
+                if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
                     what = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
                     raise InputError(message(what, mend="Look at the unit, and at the number itself"))
                 object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))

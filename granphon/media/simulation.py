@@ -424,13 +424,18 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
         A start as a force is at another overlap in each sample, and one as an overlap at another force.
         """
-        loading = self.loading
-        if loading is None or loading.ordered or not isinstance(loading.start, Prescribed):
-            return
-        path = self.prescribed(load)
-        if any((one.overlap is None) != (loading.start.overlap is None) for one in path):
+        if self.loading is not None and self.solves_start(load):
+            path = self.prescribed(load)
             for index in range(self.samples):
-                require_path(self.packing, read_only(self.deviations(index)), loading, path, self.workers)
+                require_path(self.packing, read_only(self.deviations(index)), self.loading, path, self.workers)
+
+    def solves_start(self, load: Load) -> bool:
+        """Whether :meth:`require_start` has to solve the start of a loading, which is of another kind than the load."""
+        loading = self.loading
+        if loading is None or loading.ordered or not isinstance(loading.start, Prescribed) or not self.packing.width:
+            return False
+        by_force = loading.start.overlap is None
+        return any((one.overlap is None) != by_force for one in self.prescribed(load))
 
 
 def no_finite_overlap(medium: str) -> InputError:

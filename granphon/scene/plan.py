@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granphon.array.steps import Prescribed
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
@@ -49,7 +50,11 @@ MOST_STATES = 20_000
 #: greatest number of balls of an array whose waves are checked when a scene is read
 QUICK_BALLS = 100_000
 #: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found when a scene is read
-QUICK_STARTS = 20_000
+QUICK_STARTS = 5_000
+#: for how many balls a ball counts there in the exact geometry, and the least that a sample counts for: both take their time
+_EXACT_BALL, _LEAST_SAMPLE = 20, {False: 625, True: 2500}
+#: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
+_SLOW_FORCE = 0.0015
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,19 +105,22 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 medium = rung.medium.of(self.case.packing)
                 if isinstance(medium, DirectSimulation):
-                    medium.require(self._select_load(index))
+                    medium.require(self.case.load[index])
                     continue
                 contact_lattice(self._find_state(index) if index else self.state)
         return True
 
-    def require_start(self, most: int) -> None:
-        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls in all."""
+    def require_start(self, most: float) -> float:
+        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls; return how many are left."""
         for rung in self.rungs:
-            medium = rung.medium.of(self.case.packing) if rung.medium.simulates else None
-            if isinstance(medium, DirectSimulation) and medium.samples * medium.balls <= most:
+            if isinstance(medium := rung.medium.of(self.case.packing), DirectSimulation):
                 index = int(rung.loads[np.argmin(np.ravel(self.case.load.array)[rung.loads])])
+                load, balls = self.case.load[index], _count_start(medium)
                 with self.at_load(index, f"{self.case.label}: "):
-                    medium.require_start(self._select_load(index))
+                    if balls <= most and medium.solves_start(load):
+                        medium.require_start(load)
+                        most -= balls
+        return most
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`Origin`."""
@@ -120,14 +128,10 @@ class PlannedCase:
 
     def _find_state(self, index: int) -> ContactState:
         rung = next(rung for rung in self.rungs if index in rung.loads)
-        state = self._solve(rung, self._select_load(index))
+        state = self._solve(rung, self.case.load[index])
         if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
             raise InputError(message("the frequencies or velocities are beyond double precision"))
         return state
-
-    def _select_load(self, index: int) -> Load:
-        """The load number ``index``, of shape ()."""
-        return self.case.load[index]
 
     def _solve(self, rung: Rung, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
@@ -215,8 +219,8 @@ class Plan:
         lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
         with self.origin.at("sweep"):
             count_combinations(self.axes)
-            few = self.few
-        for one in few:
+        left: float = QUICK_STARTS
+        for one in self.few:
             case, packing = one.case, one.case.packing
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
@@ -233,7 +237,7 @@ class Plan:
                     _ = medium.response  # likewise
             if not later:
                 one.require()
-            one.require_start(QUICK_STARTS // len(few))
+            left = one.require_start(left)
         self.require_waves(QUICK_BALLS)
 
     def require_waves(self, most: float = math.inf) -> None:
@@ -418,6 +422,13 @@ class Plan:
         if len(self.few) < self.n_cases and found:
             return max(found, key=lambda cost: cost.work).times(len(found) * self.n_cases / len(self.few))
         return sum(found, Cost())
+
+
+def _count_start(medium: DirectSimulation) -> float:
+    """Return the number of balls that take as long as to find the rest of all samples at the start of a loading."""
+    start, exact = medium.loading and medium.loading.start, medium.is_exact
+    slow = 1.0 + _SLOW_FORCE / start.force if isinstance(start, Prescribed) and start.overlap is None else 1.0
+    return slow * medium.samples * max(medium.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
 
 
 def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from granphon.base.digests import damage_error, digest, warn_unverified
 from granphon.base.errors import InputError, message
-from granphon.base.quantities import LOADS
+from granphon.base.quantities import LIGHT_VELOCITY, LOADS
 from granphon.base.reading import read_bytes
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import show
@@ -72,8 +72,6 @@ _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_
 _MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "dos")}
 #: standard errors, nan where they are not known
 _ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
-#: velocity of light, m/s, which no sound reaches
-_LIGHT = 299_792_458.0
 #: attributes that hold a JSON text, and its type
 _JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
@@ -248,7 +246,7 @@ def _find_nonsense(name: str, values: np.ndarray[Any, Any]) -> str | None:
     elif name in _ZERO_OR_ABOVE or name in _ERRORS:
         good, allowed = good & (values >= 0.0), "zero or above"
     if name in _VELOCITIES:
-        good, allowed = good & (values < _LIGHT), f"{allowed}, and below the velocity of light"
+        good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
     if name in _ERRORS | _MAY_BE_UNKNOWN:
         good |= np.isnan(values)
     return None if np.all(good) else f"{values[~good].flat[0]:g}; allowed: {allowed}"

@@ -1,4 +1,4 @@
-"""The store of a sweep: one file, to which the result of each task is appended as soon as it is found.
+"""The store of finished tasks: one file, to which the result of each task is appended as soon as it is found.
 
 The file is a log of entries (:mod:`granphon.sweeps.entries`): results, and the identity of the work that they belong to.
 The last sound entry of a name counts. Another process may read the file while it grows. Whatever damages it, be it a kill or
@@ -80,7 +80,7 @@ class Store:
 
         Raises
         ------
-        OutputError : ``path`` exists and is no store, or may not be written to.
+        OutputError : ``path`` exists and is no store, or may not be written to, and is not discarded.
         FileExistsInRunError : there is a result of another work that is not among ``names``, and ``force`` is off. If
             ``force`` is on, all results are discarded instead.
         """
@@ -89,8 +89,6 @@ class Store:
         self._home = _identify_folder(self.path.parent)
         text = json.dumps(identity, sort_keys=True)
         there, mine = self._list(), json.loads(text)
-        if there and not os.access(self.path, os.W_OK):
-            raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
         before = _read_identity(self._before)
         if (identity is None or before != mine) and there.keys() - set(names()):
             if not self.force:
@@ -103,6 +101,8 @@ class Store:
                     )
                 )
             self.clear()
+        if there and self.path.exists() and not os.access(self.path, os.W_OK):
+            raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
         if identity is not None:
             self._pending = b"" if before == mine else f"{IDENTITY}\n{text}".encode()
 
@@ -195,7 +195,7 @@ class Store:
         if not self._end and start.strip(b"\0") and not start.startswith(MARK[: len(start)]):
             self.close()
             newer = start.startswith(MARK.rstrip(b"\0"))
-            raise self._explain_stranger("of another version of granphon" if newer else "no store of a sweep")
+            raise self._explain_stranger("of another version of granphon" if newer else "no store of finished tasks")
         return self._places
 
     def _check(self) -> bool:
@@ -257,7 +257,7 @@ class Store:
         return f"{self.path}.new"
 
     def _explain_stranger(self, kind: str) -> OutputError:
-        why = "The finished parts of a sweep are kept in a file of that name"
+        why = "The finished parts of work under way are kept in a file of that name"
         return OutputError(message(f"{self.path} is {kind}", why, "Move it away, or choose another folder"))
 
     def _explain(self, error: OSError, done: str = "written") -> OutputError:
@@ -333,9 +333,9 @@ def _read_identity(body: bytes) -> Any:
 def _explain_difference(there: Any, here: Any) -> str:
     """Say how the work there differs from the one here."""
     if here is None:
-        return "The result of a single state would stand beside it"
+        return "This work has no parts that are kept, and its result would stand beside it"
     differences = "; ".join(_describe_differences(there, here))
-    return f"They differ: {differences}" if there else "The file does not say which sweep it belongs to"
+    return f"They differ: {differences}" if there else "The file does not say which work it belongs to"
 
 
 def _describe_differences(there: Any, here: Any) -> list[str]:

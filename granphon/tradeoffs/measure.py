@@ -14,7 +14,7 @@ import statistics
 import tracemalloc
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -261,7 +261,7 @@ def tradeoff(
     asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch, against)
     identity = {
         "trade-off of": packing, load.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
-        "against": against.told, "budget": budget, "runs": runs, "versions": packages(),
+        "against": asdict(against), "budget": budget, "runs": runs, "versions": packages(),
     }  # fmt: skip
     return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
 
