@@ -14,10 +14,12 @@ from scipy.stats import t as student
 import granphon as gp
 from granphon.balls.diameters import uniform_numbers
 from granphon.base.errors import InputError, InstabilityError
+from granphon.figures.spectra import lines_figure
 from granphon.networks.network import ContactNetwork
 from granphon.waves.kernel import Kernel
 from granphon.waves.lines import find_lines, true_width
 from granphon.waves.moments import Moments
+from granphon.waves.plane_waves import PeriodicCell, fold_wavevectors, nearest_wavevectors
 from granphon.waves.spectral_functions import SpectralFunction
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -548,27 +550,98 @@ def test_mean_free_path_and_ioffe_regel():
         of_lines(peaks, 5e3 + 0 * peaks).ioffe_regel(10.0)
 
 
-@pytest.mark.parametrize(("name", "shape"), [("chain", (12,)), ("triangular", (6, 5)), ("fcc", (4, 3, 5))])
-def test_wave_beyond_the_first_zone_is_the_wave_in_it(name, shape):
-    """Its length is that of the shortest wave vector with the same motions of all balls, found here among thousands."""
-    lattice, _ = ideal(name, shape)
+def perfect(name, shape):
+    """The lattice at its default stiffness, and the waves of a perfect array that knows its lattice."""
     state = gp.AveragedLattice(gp.Packing(STEEL, UNITS.length, lattice=name)).at_force(1.0)
-    waves, periods = gp.Waves(ContactNetwork.from_state(state, shape)), len(shape)
-    inside, across = np.array([2.0, 1.0, 1.0][:periods]) / shape, np.array([1.0, -2.0, 2.0][:periods])
+    return ideal(name, shape)[0], gp.Waves(ContactNetwork.from_state(state, shape))
+
+
+#: the triangular lattice, in a cell so skewed that the shortest wave vectors are far from the corners around a point of it
+SKEWED = gp.Lattice("skewed triangular", ((1.0, 0.0), (5.5, math.sqrt(0.75))))
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "across"),
+    [
+        ("chain", (12,), (1,)), ("triangular", (6, 5), (1, -2)), ("fcc", (4, 3, 5), (1, -2, 2)), (SKEWED, (6, 5), (1, 2)),
+        ("kagome", (4, 3), (2, -4)), ("honeycomb", (4, 3), (1, -2)), ("hcp", (3, 2, 4), (1, 1, 2)),
+    ],
+)  # fmt: skip
+def test_wave_beyond_the_first_zone_is_the_wave_in_it(name, shape, across):
+    """Its length is that of the shortest wave vector with the same motions of all balls, found here among thousands."""
+    (lattice, waves), periods = perfect(name, shape), len(shape)
+    inside = np.array([2.0, 1.0, 1.0][:periods]) / shape
     q = q_of(lattice, [inside, inside + across])[:, :periods]
     motion = np.arange(1.0, 1.0 + len(waves.operator.motions.translations))
     found = waves.spectral_function(q, motion, moments=64)
     np.testing.assert_allclose(found.values[1], found.values[0], atol=1e-12 * np.max(found.values))
-    numbers = np.stack(np.meshgrid(*[np.arange(-4, 5)] * periods), axis=-1).reshape(-1, periods)
+    numbers = np.stack(np.meshgrid(*[np.arange(-n, n + 1) for n in [30, 30, 6][-periods:]]), axis=-1).reshape(-1, periods)
     reciprocal = q_of(lattice, numbers)[:, :periods]
-    shortest = np.min(np.linalg.norm(q[:, None] - reciprocal, axis=2), axis=1)
+    balls = waves.network.positions[: waves.network.lattice.n_balls, :periods]
+    same = np.all(np.abs(np.exp(1j * reciprocal @ (balls - balls[0]).T) - 1.0) < 1e-3, axis=1)
+    shortest = np.min(np.linalg.norm(q[:, None] - reciprocal[same], axis=2), axis=1)
     np.testing.assert_allclose(found.wavenumber, shortest, rtol=1e-12)
     np.testing.assert_allclose(found.phase_velocity, 2.0 * np.pi * found.peak / shortest, rtol=1e-12)
     assert np.linalg.norm(found.q[1]) > 1.5 * shortest[1]
     assert SpectralFunction.from_dict(found.to_dict()) == found
     still = waves.spectral_function(q_of(lattice, across)[:, :periods], motion, moments=64)
-    with pytest.raises(InputError, match="A reciprocal vector of the lattice is the same wave as q = 0"):
+    with pytest.raises(InputError, match="all balls move together, as at q = 0"):
         _ = still.phase_velocity
+
+
+def test_wave_at_a_reciprocal_vector_at_which_the_balls_of_a_cell_move_against_each_other():
+    """Along the axis of hcp the layers are a chain of period c/2; in kagome a reciprocal vector has a mode of its own."""
+    lattice, waves = perfect("hcp", (1, 1, 10))
+    k = np.arange(1, 13)
+    found = waves.spectral_function(q_of(lattice, k[:, None] / 10.0 * [0.0, 0.0, 1.0]), moments=1000)
+    first = np.minimum(k, 20 - k)
+    np.testing.assert_allclose(found.wavenumber, np.linalg.norm(found.q[0]) * first, rtol=1e-12)
+    limit = found.phase_velocity / np.sinc(first / 20.0)
+    np.testing.assert_allclose(limit, np.mean(limit), rtol=2e-3)
+    lattice, waves = perfect("kagome", (4, 3))
+    found = waves.spectral_function(q_of(lattice, (1.0, 0.0)), moments=200)
+    assert found.peak[0] > 10.0 * found.resolution
+    assert found.wavenumber[0] == pytest.approx(np.linalg.norm(found.q))
+    assert found.phase_velocity[0] == pytest.approx(2.0 * np.pi * found.peak[0] / np.linalg.norm(found.q))
+
+
+def test_lattice_whose_sites_are_no_simple_fractions_has_the_wave_vectors_as_given(monkeypatch):
+    _, waves = perfect("honeycomb", (4, 3))
+    q = waves.nearest_wavevectors([[900.0, 700.0]])
+    assert np.linalg.norm(fold_wavevectors(waves.network, q)) < np.linalg.norm(q)
+    monkeypatch.setitem(vars(waves.network.lattice), "positions", np.array([[0.0, 0.0], [1.0, 0.618]]))
+    assert fold_wavevectors(waves.network, q) is None
+    found = waves.spectral_function(q, moments=64)
+    np.testing.assert_allclose(found.wavenumber, np.linalg.norm(q), rtol=1e-14)
+
+
+@given(
+    st.lists(st.floats(-0.3, 0.3), min_size=9, max_size=9), st.lists(st.integers(-9, 9), min_size=3, max_size=3),
+    st.lists(st.floats(-50.0, 50.0), min_size=3, max_size=3), st.integers(1, 3), st.floats(-6.0, 6.0),
+)  # fmt: skip
+def test_nearest_wave_vector_of_a_skewed_cell(tilts, skews, q, p, power):
+    """Against all wave vectors around q, taken from the same periods in a cell that is nearly a cube."""
+    straight = (np.eye(3) + np.reshape(tilts, (3, 3)))[:p, :p] + np.diag([0.5, 0.0, 1.0][:p])
+    a, b, c = skews
+    change = np.array([[1, 0, 0], [a, 1, 0], [b, c, 1]])[:p, :p]
+    cell = np.eye(3)
+    cell[:p, :p] = change @ straight
+    scale = 10.0**power
+    found = nearest_wavevectors(PeriodicCell(cell / scale, (True, p > 1, p > 2), p), np.array(q[:p]) * scale) / scale
+    whole = cell[:p, :p] @ found / (2.0 * np.pi)
+    np.testing.assert_allclose(whole, np.round(whole), atol=1e-8)
+    middle = np.round(straight @ q[:p] / (2.0 * np.pi))
+    around = middle + np.stack(np.meshgrid(*[np.arange(-4, 5)] * p), axis=-1).reshape(-1, p)
+    least = np.min(np.linalg.norm(2.0 * np.pi * around @ np.linalg.inv(straight).T - q[:p], axis=1))
+    assert np.linalg.norm(found - q[:p]) == pytest.approx(least, rel=1e-8, abs=1e-8)
+
+
+def test_curves_are_labelled_with_the_wavenumber_of_the_velocities():
+    lattice, waves = perfect("triangular", (6, 5))
+    found = waves.spectral_function(q_of(lattice, [(1.0 / 6.0, 0.0), (7.0 / 6.0, 0.0)]), moments=64)
+    labels = [line.get_label() for line in lines_figure(found).axes[0].get_lines()]
+    assert labels == [f"|q| = {one:.4g} /m" for one in found.wavenumber]
+    assert labels[0] == labels[1]
 
 
 def test_wave_in_a_network_of_no_lattice_has_the_length_of_its_wave_vector(disordered):

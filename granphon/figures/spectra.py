@@ -188,10 +188,9 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     top = float(spectrum.frequencies[np.flatnonzero(values.max(axis=0) > 1e-3 * values.max())[-1]])
     unit = HertzPrefix.for_top(top)
     for colour, n in zip(COLOURS, chosen.tolist(), strict=False):
-        length = float(np.linalg.norm(spectrum.q[n]))
         ax.plot(
             spectrum.frequencies / unit.hertz, spectrum.values[n] * unit.hertz, color=colour, linewidth=0.9,
-            label=f"|q| = {length:.4g} /m",
+            label=f"|q| = {spectrum.wavenumber[n]:.4g} /m",
         )  # fmt: skip
     ax.set(
         xlabel=f"Frequency ({print_hertz(unit)})", xlim=(0.0, 1.05 * top / unit.hertz), ylim=(0.0, None),

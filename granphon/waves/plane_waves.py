@@ -25,6 +25,8 @@ _NAMES = ("longitudinal", "transverse", "rotational")
 _WHOLE = 1e-6
 #: length of the part of a direction across q, over that of the direction, below which there is none
 _ACROSS = 1e-9
+#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is looked for
+_MOST_PARTS = 24
 
 
 class PeriodicCell(NamedTuple):
@@ -66,14 +68,40 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
-    """Return for wave vectors ``q`` (n, d) the shortest, 1/m, that differ from them by a reciprocal vector of the lattice.
+    """Return for wave vectors ``q`` (n, d) of a lattice the shortest, 1/m, in whose waves all balls move as in those of q.
 
-    They lie in the first zone. None for a network of no lattice.
+    They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one
+    ball in a cell these are all G, and the shortest lies in the first zone; along the axis of hcp every second one is such.
+    None for a network of no lattice, and for a lattice whose sites are no multiples of a 24th, or of a larger part, of the
+    lattice vectors.
     """
     if network.lattice is None or network.shape is None:
         return None
-    primitive = network.cell[: len(network.shape), : q.shape[1]] / np.array(network.shape)[:, None]
-    return q - _find_nearest(primitive, q)
+    periods = len(network.shape)
+    repeats = _find_repeats(network.lattice.positions @ np.linalg.pinv(network.lattice.vectors))
+    if repeats is None:
+        return None
+    primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
+    return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
+
+
+def _find_repeats(sites: Array) -> NDArray[np.intp] | None:
+    """Return reciprocal vectors (p, p), as whole numbers, that span all G with exp(i G . t) = 1 for steps t between sites.
+
+    ``sites`` (n, p) are fractions of the lattice vectors. None if they have no common denominator of up to 24.
+    """
+    steps, p = sites - sites[0], sites.shape[1]
+    denominators = (m for m in range(1, _MOST_PARTS + 1) if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE))
+    if (m := next(denominators, None)) is None:
+        return None
+    # m times any reciprocal vector is one of them, so that those from 0 to m have a triangular basis among them
+    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * p, indexing="ij"), axis=-1).reshape(-1, p)
+    numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
+    rows = []
+    for n in range(p):
+        among = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
+        rows.append(among[np.argmin(among[:, n])])
+    return np.array(rows)
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
@@ -106,12 +134,26 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
 
 def _find_nearest(periods: Array, q: Array) -> Array:
     """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with ``periods`` (p, d)."""
-    back = np.linalg.pinv(periods).T  # (p, d) rows b with b_i . L_j = delta_ij
-    waves = q @ periods.T / (2.0 * np.pi)
+    back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
+    shorter = _reduce(back)
+    waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
     around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
-    least = np.argmin(np.sum(((around - waves[:, None]) @ back) ** 2, axis=-1), axis=1)
+    least = np.argmin(np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1), axis=1)
     # from whole numbers, not as a step from q: then the same wave vector has the same digits, and Gamma is zero
-    return np.asarray(2.0 * np.pi * around[np.arange(len(q)), least] @ back + 0.0)
+    return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), least] @ shorter) @ back + 0.0)
+
+
+def _reduce(basis: Array) -> NDArray[np.intp]:
+    """Return whole numbers (p, p) that make a ``basis`` (p, d) one of Minkowski's, of the shortest vectors.
+
+    Only around these are the lattice points nearest to a point among the corners of its cell and of the cells next to it.
+    """
+    from ase.geometry.minkowski_reduction import minkowski_reduce
+
+    p, d = basis.shape
+    full = np.zeros((3, 3))
+    full[:p, :d] = basis / np.linalg.norm(basis, axis=1).max()  # ASE's tolerance is a length
+    return np.asarray(minkowski_reduce(full, pbc=np.arange(3) < p)[1][:p, :p], np.intp)
 
 
 def _show(q: Array) -> str:

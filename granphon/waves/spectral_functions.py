@@ -44,8 +44,10 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     values : (n, n_f) 1/Hz; the integral over frequencies is 1.
     top : bound of all frequencies, Hz, on which the polynomials are made.
     moments : number of Chebyshev moments.
-    shortest : (n, d) the wave vectors in the first zone of the lattice, 1/m, that differ from q by reciprocal vectors. With
-        one ball in a cell all balls move as in the wave of q. None where the network has no lattice.
+    shortest : (n, d) the shortest wave vectors, 1/m, in whose waves all balls of the lattice move as in those of q. They
+        differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one
+        ball in a cell these are all G, and the shortest lie in the first zone. None where the network has no lattice, and
+        where the sites of the lattice are no multiples of a 24th, or of a larger part, of its vectors.
     """
 
     added = ("shortest",)
@@ -113,17 +115,17 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
 
     @property
     def wavenumber(self) -> Array:
-        """(n,) ``|q|``, 1/m; on a lattice that of :attr:`shortest`, as waves outside of the first zone are waves in it."""
+        """(n,) ``|q|``, 1/m; that of :attr:`shortest`, where there is one, as all balls move as in that wave."""
         return np.asarray(np.linalg.norm(self.q if self.shortest is None else self.shortest, axis=1))
 
     @property
     def phase_velocity(self) -> Array:
         """(n,) 2 pi peak over the :attr:`wavenumber`, m/s.
 
-        Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q that is a reciprocal vector of the lattice.
+        Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls move as at q = 0.
         """
         if np.any(self.wavenumber <= _SAME * np.linalg.norm(self.q, axis=1)):
-            why = "A reciprocal vector of the lattice is the same wave as q = 0"
+            why = "Where exp(i q . r) is the same at all sites of a lattice, all balls move together, as at q = 0"
             raise InputError(message("a wave with q = 0 has no velocity", why, "Give other wave vectors"))
         return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
 
