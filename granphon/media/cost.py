@@ -103,7 +103,7 @@ _SMALL_FORCE = 0.3678
 #: memory of a cluster medium, bytes
 _CLUSTER_BYTES = 2e8
 #: time of a cluster medium, s, and what each of its balls adds, s
-_CLUSTER_SECONDS = 10.0
+_CLUSTER_SECONDS = 12.0
 _CLUSTER_BALL_SECONDS = 1.3
 #: bytes for each contact while its network is made, and then its operator
 _CONTACT_BYTES = 600.0

@@ -219,8 +219,9 @@ class Plan:
         lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
         with self.origin.at("sweep"):
             count_combinations(self.axes)
+            few = self.few
         left: float = QUICK_STARTS
-        for one in self.few:
+        for one in few:
             case, packing = one.case, one.case.packing
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
