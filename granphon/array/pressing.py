@@ -94,9 +94,9 @@ class Trial:
     newton: int = 0
     krylov: int = 0
 
-    @cached_property
+    @property
     def tangent(self) -> Tangent:
-        """Derivatives of the contacts' forces."""
+        """Derivatives of the contacts' forces; the law keeps them once they are found."""
         return self.linearise()
 
     def follow(self, other: Trial) -> Trial:

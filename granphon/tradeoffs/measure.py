@@ -7,7 +7,6 @@ after a run to warm up, and its error is that of the quantities that a scene obs
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import statistics
@@ -24,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
+from granphon.base.digests import digest
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
@@ -282,7 +282,7 @@ def carry_out(
     They are done one after the other, or side by side by an ``executor``. Finished ones are kept in a ``store``, which is
     claimed for the ``identity`` of the trade-off: plain data that say which it is.
     """
-    key = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    key = digest(identity)
     others = len(studies) - 1
     parts = [_FOR_FIRST, *[(1.0 - _FOR_FIRST) / others] * others] if others else [1.0]
     tasks = [
