@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.coupling import CoupledProduct
 from granphon.array.friction import Tangent
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
@@ -166,35 +167,4 @@ class LatticePlace:
 
 def multiply(stencils: Stencils, tangent: Tangent) -> Product:
     """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions in single precision."""
-    n = stencils.n_contacts
-
-    def flatten(part: Array) -> Single:
-        rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
-        return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
-
-    stiffness = flatten(tangent.stiffness[None])[0]
-    springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
-    push = 0.0
-
-    def product(balls: Single, press: float | None) -> tuple[Single, float]:
-        nonlocal push
-        push = 0.0
-
-        def tension(part: slice, rows: Single) -> Single:
-            nonlocal push
-            if press:
-                rows[:n] -= np.float32(press)
-            loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
-            change = coupling[..., part] * loss
-            if len(cross):
-                change += cross[..., part] * slips[::-1]
-            slips *= springs[..., part]
-            slips -= change
-            loss *= stiffness[:, part]
-            if press is not None:
-                push -= float(np.sum(loss))
-            return rows
-
-        return stencils.couple(balls, tension), push
-
-    return product
+    return CoupledProduct(stencils.coupling, tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)

@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ArrayRow", "green_function", "green_inverse"]
+from granphon.array.array_rows import ArrayRow
+
+__all__ = ["green_function", "green_inverse"]
 
 Array = NDArray[np.float64]
 #: number of wave vectors at which matrices are inverted at a time
 _PART = 2**15
 #: eigenvalue, over the largest of the same wave, that rounding explains
 _SINGULAR = 1e-14
-
-
-class ArrayRow(NamedTuple):
-    """A kind of deformation of the contacts between balls one ``shift`` apart: head of ball j less tail of ball i.
-
-    ``head`` and ``tail`` are pairs (field, coefficient). A field is one motion of one ball of the cell. ``ratio`` is the
-    stiffness over that of elongation.
-    """
-
-    shift: tuple[int, ...]
-    head: tuple[tuple[int, float], ...]
-    tail: tuple[tuple[int, float], ...]
-    ratio: float
 
 
 def green_function(

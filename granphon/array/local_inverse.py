@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.green import ArrayRow
+from granphon.array.array_rows import ArrayRow
 from granphon.array.rooms import Rooms
 
 __all__ = ["invert_blocks"]

@@ -84,11 +84,7 @@ class Preconditioners:
         site = np.arange(math.prod(shape)).reshape(shape)
         j = np.stack([np.roll(site, [-n for n in row.shift], range(site.ndim)).ravel() for row in rows])
         i = np.broadcast_to(site.ravel(), j.shape)
-        head, tail = np.zeros((2, len(rows), self._stencils.n_fields))
-        for kind, row in enumerate(rows):
-            for coefficients, pairs in ((head, row.head), (tail, row.tail)):
-                for field, value in pairs:
-                    coefficients[kind, field] = value
+        head, tail = self._stencils.coefficients
         return factorise_contacts(i, j, head, tail, stiffness.reshape(len(rows), -1))
 
 

@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 __all__ = ["Rooms"]
 
 Array = NDArray[np.float64]
-Layer = tuple[EllipsisType | slice | int, ...]
+Layer = tuple[EllipsisType | slice, ...]
 
 
 class Rooms:
@@ -61,30 +61,38 @@ class Rooms:
 
     def wrap(self, rooms: Array, first: int = 0) -> None:
         """Copy the balls to their images in the margins, along the axes from ``first`` on."""
-        for image, ball in self._images(rooms, first):
+        for image, ball in self.images(rooms, first):
             image[...] = ball
 
     def fold(self, rooms: Array) -> Array:
         """Add what is in the margins to the balls whose images are there; return a view without the margins."""
-        for image, ball in reversed(list(self._images(rooms))):
+        for image, ball in reversed(list(self.images(rooms))):
             ball += image
         return rooms[self.inner]
 
-    def _images(self, rooms: Array, first: int = 0) -> Iterator[tuple[Array, Array]]:
-        """Yield views of a layer of the margins and of the layer that it repeats, axis after axis from ``first`` on."""
+    def images(self, rooms: Array, first: int = 0) -> Iterator[tuple[Array, Array]]:
+        """Yield views of layers of the margins and of those that they repeat, axis after axis from ``first`` on."""
         for image, ball in (pair for axis in self._layers[first:] for pair in axis):
             yield rooms[image], rooms[ball]
 
     @cached_property
     def _layers(self) -> list[list[tuple[Layer, Layer]]]:
-        """Indices of the layers of the margins, and of those that they repeat, for each axis."""
+        """Indices of layers of the margins, and of those that they repeat, for each axis."""
         found = []
         for axis, (below, size, above) in enumerate(zip(self.below, self.shape, self.above, strict=True)):
-            pairs = [(below + size + step, below + step % size) for step in range(above)]
-            pairs += [(below - 1 - step, below + (-1 - step) % size) for step in range(below)]
-            behind = (slice(None),) * (len(self.shape) - 1 - axis)
-            found.append([((..., image, *behind), (..., ball, *behind)) for image, ball in pairs])
+            pairs = []
+            for done in range(0, above, size):  # a margin wider than the array repeats it more than once
+                count = min(size, above - done)
+                pairs.append((self._layer(axis, below + size + done, count), self._layer(axis, below, count)))
+            for done in range(0, below, size):
+                count = min(size, below - done)
+                images = self._layer(axis, below - done - count, count)
+                pairs.append((images, self._layer(axis, below + size - count, count)))
+            found.append(pairs)
         return found
+
+    def _layer(self, axis: int, first: int, count: int) -> Layer:
+        return (..., slice(first, first + count), *(slice(None),) * (len(self.shape) - 1 - axis))
 
     def spans(self, size: int) -> Iterator[tuple[int, int]]:
         """Yield (first, end) of parts of the flattened room that together hold all balls, each of at most ``size``."""

@@ -20,7 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.green import ArrayRow, green_function, green_inverse
+from granphon.array.array_rows import ArrayRow, find_basis, make_rows, stack_coefficients
+from granphon.array.coupling import Coupling
+from granphon.array.green import green_function, green_inverse
 from granphon.array.local_inverse import invert_blocks
 from granphon.array.rooms import Rooms
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -32,15 +34,11 @@ __all__ = ["Motion", "Stencils", "dot"]
 Array = NDArray[np.float64]
 #: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15
-#: number of products in a product of matrices up to which OpenBLAS takes one thread
-_ONE_THREAD = 2**18
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
 _UNEVEN = 0.25
-#: least sine of the angle between a normal and those before it, for displacements to be projected on it
-_INDEPENDENT = 0.1
 
 
 class Motion(NamedTuple):
@@ -79,41 +77,28 @@ class Stencils:
         #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
         self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
         #: (p, p) unit vectors, as rows, on which displacements are projected
-        self.basis = _find_basis(normal)
+        self.basis = find_basis(normal)
         self._kinds = contact_rows(
             normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
         )
         self._vector = table.vector[:, :p]
-        self._rows = [row for kind in self._kinds for row in self._make_rows(kind)]
+        self._rows = self._make_rows(self._kinds)
         self.rooms = Rooms(self.shape, self.shifts)
         #: Green's function in the precisions that it was needed in
         self._found: dict[Any, Array] = {}
 
-    def _make_rows(self, kind: Row) -> list[ArrayRow]:
-        """Return a kind of deformation for each kind of contact, on the fields of the array."""
-        m, p = self.motions.count, len(self.basis)
-        project = np.eye(m)
-        project[:p, :p] = np.linalg.inv(self.basis)
-        ends = [
-            [tuple((m * ball + at, c) for at, c in enumerate(line) if c) for ball, line in zip(balls, lines, strict=True)]
-            for balls, lines in (
-                ([j for _, j in self.ends], _round_coefficients(kind.head @ project).tolist()),
-                ([i for i, _ in self.ends], _round_coefficients(kind.tail @ project).tolist()),
-            )
-        ]
-        return [
-            ArrayRow(shift, head, tail, float(kind.stiffness)) for shift, head, tail in zip(self.shifts, *ends, strict=True)
-        ]
+    def _make_rows(self, kinds: Sequence[Row]) -> list[ArrayRow]:
+        return [row for kind in kinds for row in make_rows(kind, self.shifts, self.ends, self.basis)]
 
     def observe(self, kinds: Sequence[Row]) -> Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their own."""
         other = copy(self)
         other._found = {}
         other.forget()
-        for name in ("_ends", "_steps"):
+        for name in ("coefficients", "coupling"):
             vars(other).pop(name, None)
         other._kinds = list(kinds)
-        other._rows = [row for kind in kinds for row in self._make_rows(kind)]
+        other._rows = self._make_rows(kinds)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -126,19 +111,14 @@ class Stencils:
         vars(self).pop("_green", None)
 
     @cached_property
-    def _steps(self) -> list[int]:
-        """Distance of ball j from ball i of each kind of deformation, in the flattened room."""
-        return [self.rooms.offset(row.shift) for row in self._rows]
+    def coefficients(self) -> Array:
+        """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
+        return stack_coefficients(self._rows, self.n_fields)
 
     @cached_property
-    def _ends(self) -> Array:
-        """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
-        found = np.zeros((2, self.n_rows, self.n_fields))
-        for ends, name in zip(found, ("head", "tail"), strict=True):
-            for line, row in zip(ends, self._rows, strict=True):
-                for field, factor in getattr(row, name):
-                    line[field] = factor
-        return found
+    def coupling(self) -> Coupling:
+        """C and its transpose in single precision, for tensions that couple the deformations of a contact."""
+        return Coupling(self._rows, self.shape, self.n_contacts, self.n_fields)
 
     @property
     def rows(self) -> list[ArrayRow]:
@@ -288,30 +268,6 @@ class Stencils:
         self.rooms.wrap(room)
         return self._balance(room, tension, np.zeros_like(room))
 
-    def couple(self, balls: Array, tension: Callable[[slice, Array], Array]) -> Array:
-        """Return C^T f as :meth:`balance`, from ``tension(part, deformations)`` of all kinds at once, (rows, m)."""
-        room = self.rooms.fill(balls)
-        self.rooms.wrap(room)
-        out, (head, tail) = np.zeros_like(room), self._ends.astype(room.dtype)
-        flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
-        steps = self._steps
-        least, most = min(0, *steps), max(0, *steps)
-        for first, end in self.rooms.spans(_CACHED // 4):
-            low, size = first + least, end - first
-            near = slice(low, end + most)
-            # what each kind takes from the ball at either end
-            parts, found = _multiply(head, flat[:, near]), _multiply(tail, flat[:, first:end])
-            for kind, step in enumerate(steps):
-                at = step - least
-                np.subtract(parts[kind, at : at + size], found[kind], out=found[kind])
-            pull = tension(slice(first, end), found)
-            parts[...] = 0.0
-            for kind, step in enumerate(steps):
-                parts[kind, step - least : step - least + size] = pull[kind]
-            forces[:, near] += _multiply(head.T, parts)
-            forces[:, first:end] -= _multiply(tail.T, pull)
-        return self.rooms.fold(out)
-
     def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
         flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
         for first, end in self.rooms.spans(_CACHED):
@@ -410,38 +366,10 @@ class Stencils:
         ]
 
 
-def _find_basis(normal: Array) -> Array:
-    """Return the first normals of contacts (n_c, p) that are independent, as the rows of a (p, p) matrix."""
-    chosen: list[Array] = []
-    for vector in normal:
-        rest = vector - sum((unit @ vector * unit for unit in _orthonormal(chosen)), np.zeros_like(vector))
-        if len(chosen) < len(vector) and np.linalg.norm(rest) > _INDEPENDENT:
-            chosen.append(vector)
-    return np.array(chosen)
-
-
-def _orthonormal(vectors: list[Array]) -> list[Array]:
-    return list(np.linalg.qr(np.array(vectors).T)[0].T) if vectors else []
-
-
-def _round_coefficients(coefficients: Array) -> Array:
-    """Round coefficients that differ from whole numbers by rounding only, so that a product with one can be skipped."""
-    near = np.rint(coefficients)
-    return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)
-
-
 def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
-
-
-def _multiply(matrix: Array, columns: Array) -> Array:
-    """Return the product of a small matrix with many columns, in parts for which BLAS takes one thread; see :func:`dot`."""
-    step = _ONE_THREAD // matrix.size
-    if columns.shape[1] <= step:
-        return matrix @ columns
-    return np.hstack([matrix @ columns[:, low : low + step] for low in range(0, columns.shape[1], step)])
 
 
 def _combine(coefficients: Sequence[tuple[int, float]], flat: Array, first: int, end: int) -> Array:

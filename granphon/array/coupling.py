@@ -1,0 +1,166 @@
+"""C^T D C by products of small matrices with all balls at once, for a D that couples the deformations of each contact.
+
+One product of matrices gives what the two ends of all contacts contribute to all deformations, another one the forces on
+balls; between them stand shifts of whole arrays. What :mod:`granphon.array.stencils` does row by row takes more passes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.array_rows import ArrayRow, stack_coefficients
+from granphon.array.rooms import Rooms
+
+__all__ = ["Coupling", "CoupledProduct", "multiply_columns"]
+
+Array = NDArray[np.float64]
+Single = NDArray[Any]
+#: number of places of the flattened room that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**15
+#: number of products in a product of matrices up to which OpenBLAS takes one thread
+_ONE_THREAD = 2**18
+
+
+class Coupling:
+    """C and its transpose, of ``rows`` of deformations that each come for all ``contacts`` of a cell, in single precision.
+
+    The margins of its rooms hold images of the balls, and images of the contacts between them: so each ball finds all its
+    contacts, and nothing has to be added up across the margins.
+    """
+
+    def __init__(self, rows: Sequence[ArrayRow], shape: Sequence[int], contacts: int, fields: int) -> None:
+        shifts = [row.shift for row in rows[:contacts]]
+        both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
+        steps = [Rooms(shape, both_ways).offset(shift) for shift in shifts]
+        if min(steps) < 0 < max(steps):  # a contact that begins in the margin and leads away has a far end too
+            both_ways = [(2 * first, *rest) for first, *rest in both_ways]
+        self.rooms = Rooms(shape, both_ways)
+        self.steps = [self.rooms.offset(shift) for shift in shifts]
+        head, tail = stack_coefficients(rows, fields).astype(np.float32)
+        self.split, self.join = np.concatenate([head, tail]), np.concatenate([head, -tail]).T.copy()
+        self.inside = self.rooms.inside.astype(np.float32).ravel()
+
+
+class _Part(NamedTuple):
+    """Views of one part of the flattened room, in which forces on balls are found.
+
+    ``near`` are motions, and ``ends`` (2 rows, ...) is room for what the ends of contacts contribute; ``pairs`` are the
+    heads and tails of each contact that has an end in the part. Deformations take the place of tails. ``stiffness``,
+    ``turning`` and ``cross`` are those of D for them.
+    """
+
+    near: Single
+    ends: Single
+    pairs: list[tuple[Single, Single]]
+    rows: Single
+    loss: Single
+    slips: Single
+    stiffness: Single
+    turning: Single
+    cross: Single
+    gathered: list[tuple[Single, Single]]
+    joined: Single
+    forces: Single
+    own: Single
+    inside: Single
+
+
+class CoupledProduct:
+    """Product of C^T D C with motions of balls in single precision.
+
+    D has the ``stiffness`` (contacts, L1, ..., Lp) of contacts, that of their slips ``springs``, and ``turning``, the
+    tangential forces, with the sign turned, that follow from a loss of overlap, both (slips, contacts, L1, ..., Lp).
+    ``cross`` (1, contacts, L1, ..., Lp) couples two slips, with the sign turned too; it is empty in a plane.
+    """
+
+    def __init__(self, coupling: Coupling, stiffness: Array, springs: Array, turning: Array, cross: Array) -> None:
+        rooms, n = coupling.rooms, len(stiffness)
+        self._coupling = coupling
+        law = np.empty((n * (1 + 2 * len(springs) + len(cross)), *rooms.outer), np.float32)
+        at = 0
+        for part in (stiffness, *springs, *turning, *cross):
+            law[at : at + n][rooms.inner] = part
+            at += n
+        rooms.wrap(law)
+        fields, doubled = coupling.join.shape
+        self._room, self._out = np.empty((2, fields, *rooms.outer), np.float32)
+        self._images = list(rooms.images(self._room))
+        self._parts = list(self._divide(law.reshape(len(law), -1), n, doubled))
+
+    def _divide(self, law: Single, n: int, doubled: int) -> Iterator[_Part]:
+        """Yield the parts, which share the room for what the ends of contacts contribute."""
+        flat, forces = (one.reshape(len(one), -1) for one in (self._room, self._out))
+        steps, half = self._coupling.steps, doubled // 2
+        least, most = min(0, *steps), max(0, *steps)
+        reach, shared = most - least, np.empty(0, np.float32)
+        for first, end in self._coupling.rooms.spans(_CACHED):
+            # contacts that begin at a place from low to high have an end in this part
+            low, high, size = first - most, end - least, end - first
+            count = high - low
+            shared = shared if shared.size else np.empty(doubled * (count + reach), np.float32)
+            ends = shared[: doubled * (count + reach)].reshape(doubled, -1)
+            heads, tails = ends.reshape(2, -1, n, count + reach)
+            tails, joined = tails[..., -least : count - least], ends[:, reach : reach + size]
+            to = heads[..., reach : reach + size]
+            rows, here = ends[half:, -least : count - least], law[:, low:high]
+            shear = here[half:].reshape(-1, n, count)
+            yield _Part(
+                near=flat[:, low + least : high + most],
+                ends=ends,
+                pairs=[(heads[:, at, step - least : step - least + count], tails[:, at]) for at, step in enumerate(steps)],
+                rows=rows,
+                loss=rows[:n],
+                slips=rows[n:].reshape(-1, n, count),
+                stiffness=here[:half],
+                turning=shear[: half // n - 1],
+                cross=shear[half // n - 1 :],
+                gathered=[(to[:, at], tails[:, at, most - step : most - step + size]) for at, step in enumerate(steps)],
+                joined=joined,
+                forces=forces[:, first:end],
+                own=rows[:n, most : most + size],
+                inside=self._coupling.inside[first:end],
+            )
+
+    def __call__(self, balls: Single, press: float | None) -> tuple[Single, float]:
+        """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with the sign turned.
+
+        ``press`` adds to the overlaps of all contacts; without it the sum is not found.
+        """
+        rooms, total = self._coupling.rooms, 0.0
+        self._room[rooms.inner] = balls
+        for image, ball in self._images:
+            image[...] = ball
+        for part in self._parts:
+            multiply_columns(self._coupling.split, part.near, part.ends)
+            for head, tail in part.pairs:
+                np.subtract(head, tail, out=tail)
+            if press:
+                np.subtract(part.loss, np.float32(press), out=part.loss)
+            change = part.turning * part.loss
+            if len(part.cross):
+                change += part.cross * part.slips[::-1]
+            np.multiply(part.rows, part.stiffness, out=part.rows)
+            np.subtract(part.slips, change, out=part.slips)
+            for to, tail in part.gathered:
+                to[...] = tail
+            multiply_columns(self._coupling.join, part.joined, part.forces)
+            if press is not None:
+                total -= float(np.sum(part.own * part.inside))
+        return self._out[rooms.inner].copy(), total
+
+
+def multiply_columns(matrix: Single, columns: Single, out: Single) -> None:
+    """Write the product of a small matrix with many columns, in parts for which BLAS takes one thread.
+
+    Its threads wait for each other, and their number changes the last digit.
+    """
+    step = _ONE_THREAD // matrix.size
+    if columns.shape[1] <= step:
+        np.matmul(matrix, columns, out=out)
+        return
+    for low in range(0, columns.shape[1], step):
+        np.matmul(matrix, columns[:, low : low + step], out=out[:, low : low + step])
