@@ -22,8 +22,9 @@ Single = NDArray[Any]
 Operator = Callable[[Single], Single]
 #: vectors kept, after which the method starts again
 _KEPT = 60
-#: number of elements of a vector that are worked on at a time, so that they stay in the processor's cache
-_CACHED = 2**14
+#: number of elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait for each other,
+#: and their number changes the last digit; and the greatest length of the parts of vectors in such products
+_ONE_THREAD, _LONGEST = 9216, 1024
 #: part of a vector's length that is left by the projection on those before it, below which it is projected once more
 _CANCELLED = 0.1
 #: part of it that is nothing but rounding: the vector then lies among those before it
@@ -56,42 +57,62 @@ def solve_by_minimal_residuals(
 
 def _cycle(apply: Operator, precondition: Operator, rest: Single, reduction: float, kept: int) -> tuple[int, float, Single]:
     """Return the number of iterations of one cycle, the norm of the residual and the change of the solution."""
-    first = math.sqrt(dot(rest, rest))
-    basis, ways = np.empty((2, kept + 1, rest.size), np.float32)
-    triangle, turned = np.zeros((kept + 1, kept)), np.zeros(kept + 1)
+    first, size = math.sqrt(dot(rest, rest)), rest.size
+    basis, ways = np.empty((2, kept + 1, -(-size // _LONGEST) * _LONGEST), np.float32)
+    basis[0, :size], basis[0, size:], ways[:, size:] = rest / np.float32(first), 0.0, 0.0
+    triangle: list[list[float]] = []
     turns: list[tuple[float, float]] = []
-    blocks = [slice(low, low + _CACHED) for low in range(0, rest.size, _CACHED)]
-    basis[0], turned[0] = rest / np.float32(first), first
-    count = 0
+    turned = [first]
     for column in range(kept):
-        ways[column] = precondition(basis[column])
-        new, old = apply(ways[column]), basis[: column + 1]
-        whole = height = math.sqrt(dot(new, new))
-        before = math.inf
+        ways[column, :size] = precondition(basis[column, :size])
+        new, old = basis[column + 1], basis[: column + 1]
+        new[:size], new[size:] = apply(ways[column, :size]), 0.0
+        line, height = _project(old, new)
+        whole = before = math.hypot(*line, height)
         while _ROUNDING * whole < height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
             before = height
-            parts = np.sum([np.einsum("ij,j->i", old[:, some], new[some]) for some in blocks], axis=0)
-            for some in blocks:
-                new[some] -= np.einsum("i,ij->j", parts, old[:, some])
-            triangle[: column + 1, column] += parts
-            height = math.sqrt(dot(new, new))
+            parts, height = _project(old, new)
+            line = [one + part for one, part in zip(line, parts, strict=True)]
         height = height if height > _ROUNDING * whole else 0.0
-        line, count = triangle[:, column], column + 1
         for row, (c, s) in enumerate(turns):
             line[row], line[row + 1] = c * line[row] + s * line[row + 1], c * line[row + 1] - s * line[row]
         length = math.hypot(line[column], height)
-        if not length:
-            count = column
+        if not 0.0 < length < math.inf:
             break
         c, s = line[column] / length, height / length
-        turns.append((c, s))
         line[column] = length
-        turned[column + 1], turned[column] = -s * turned[column], c * turned[column]
-        if abs(turned[column + 1]) <= reduction or not height:
+        triangle.append(line)
+        turns.append((c, s))
+        turned[column:] = c * turned[column], -s * turned[column]
+        if abs(turned[-1]) <= reduction or not height:
             break
-        basis[column + 1] = new / np.float32(height)
-    weights = np.zeros(count)
+        np.divide(new, np.float32(height), out=new)
+    count = len(triangle)
+    weights = [0.0] * count
     for row in reversed(range(count)):
-        weights[row] = (turned[row] - triangle[row, row + 1 : count] @ weights[row + 1 :]) / triangle[row, row]
-    change = np.einsum("i,ij->j", weights.astype(np.float32), ways[:count])
-    return count, abs(float(turned[count])), change
+        known = sum(triangle[column][row] * weights[column] for column in range(row + 1, count))
+        weights[row] = (turned[row] - known) / triangle[row][row]
+    return count, abs(turned[count]), _combine(np.array(weights, np.float32), ways[:count])[:size]
+
+
+def _project(old: Single, new: Single) -> tuple[list[float], float]:
+    """Take its parts along ``old`` (n, size) off a vector; return these n numbers, and the length of what is left."""
+    blocks = _divide(old)
+    parts = np.sum(blocks @ new.reshape(len(blocks), -1, 1), axis=0)[:, 0]
+    new -= _combine(parts, old)
+    return parts.tolist(), math.sqrt(dot(new, new))
+
+
+def _combine(weights: Single, vectors: Single) -> Single:
+    """Return the sum of vectors (n, size) times their weights."""
+    if len(vectors) == 1:  # BLAS is slow with a single one
+        return np.asarray(weights[0] * vectors[0])
+    return np.ravel(weights @ _divide(vectors))
+
+
+def _divide(vectors: Single) -> Single:
+    """Return a view (parts, n, length) of vectors (n, size), in which each part is small enough for one thread."""
+    length = _LONGEST
+    while len(vectors) * length >= _ONE_THREAD:
+        length //= 2
+    return vectors.reshape(len(vectors), vectors.shape[1] // length, length).swapaxes(0, 1)
