@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.array_rows import ArrayRow
+from granphon.array.array_rows import ArrayRow, stack_coefficients
+from granphon.array.coupling import multiply_columns
 from granphon.array.rooms import Rooms
 
 __all__ = ["invert_blocks"]
@@ -18,33 +19,45 @@ Array = NDArray[np.float64]
 _CACHED = 2**13
 
 
-def invert_blocks(rows: Sequence[ArrayRow], rooms: Rooms, fields: slice, springs: Array, least: float) -> Array:
-    """Return (n, n, L1, ..., Lp) inverses of the blocks of n fields, one to three that follow each other.
+def invert_blocks(
+    rows: Sequence[ArrayRow], rooms: Rooms, groups: Sequence[slice], springs: Array, least: float
+) -> list[Array]:
+    """Return, for each group of one to three fields that follow each other, the inverses (n, n, L1, ..., Lp) of its blocks.
 
     ``springs`` are the stiffnesses of all rows in rooms with margins of zeros. To each, ``least`` times that of its kind is
     added, so that there is an inverse.
     """
-    own = range(fields.start, fields.stop)
-    pairs = list(combinations_with_replacement(own, 2))
-    ends = [[dict(row.head) for row in rows], [dict(row.tail) for row in rows]]
-    squares = np.array([[end.get(a, 0.0) * end.get(b, 0.0) for a, b in pairs] for kinds in ends for end in kinds])
-    squares = squares.reshape(2, len(rows), len(pairs))
+    own = [list(combinations_with_replacement(range(group.start, group.stop), 2)) for group in groups]
+    first_of, second_of = np.array([pair for pairs in own for pair in pairs]).T
+    ends = stack_coefficients(rows, max(group.stop for group in groups))
+    squares = ends[..., first_of] * ends[..., second_of]
     extra = least * np.einsum("r,erp->p", [row.ratio for row in rows], squares)
     flat, steps = springs.reshape(len(rows), -1), [rooms.offset(row.shift) for row in rows]
+    low, high = min(0, *steps), max(0, *steps)
     # in double precision: where few contacts hold a ball, its block is nearly singular
-    room = rooms.zeros(len(pairs))
-    sums = room.reshape(len(pairs), -1)
-    head, tail = squares.astype(springs.dtype)
+    room, combine = rooms.zeros(len(first_of)), np.concatenate(squares).T.astype(springs.dtype)
+    sums = room.reshape(len(room), -1)
     for first, end in rooms.spans(_CACHED):
-        part = flat[:, first:end]
-        sums[:, first:end] += np.einsum("rp,rx->px", tail, part)
+        size = end - first
+        held = np.zeros((2 * len(rows), size + high - low), springs.dtype)  # as seen from ball j of each kind, then ball i
         for kind, step in enumerate(steps):
-            sums[:, first + step : end + step] += head[kind][:, None] * part[kind]
-    held = rooms.fold(room) + extra.reshape(-1, *(1,) * len(rooms.shape))
-    _invert_symmetric(held, len(own))
-    held = held.astype(springs.dtype, copy=False)
-    where = {pair: slot for slot, pair in enumerate(pairs)}
-    return np.stack([np.stack([held[where[min(a, b), max(a, b)]] for b in own]) for a in own])
+            held[kind, step - low : step - low + size] = flat[kind, first:end]
+        held[len(rows) :, -low : size - low] = flat[:, first:end]
+        found = np.empty((len(sums), held.shape[1]), springs.dtype)
+        multiply_columns(combine, held, found)
+        near = sums[:, first + low : end + high]
+        np.add(near, found, out=near)
+    blocks = np.split(rooms.fold(room) + extra.reshape(-1, *(1,) * len(rooms.shape)), np.cumsum([len(p) for p in own])[:-1])
+    return [_spread(block, group.stop - group.start, springs.dtype) for block, group in zip(blocks, groups, strict=True)]
+
+
+def _spread(entries: Array, size: int, precision: DTypeLike) -> Array:
+    """Return the (size, size, ...) inverses of symmetric matrices, whose upper triangles are ``entries``, row after row."""
+    _invert_symmetric(entries, size)
+    out = np.empty((size, size, *entries.shape[1:]), precision)
+    for entry, (a, b) in zip(entries, combinations_with_replacement(range(size), 2), strict=True):
+        out[a, b] = out[b, a] = entry
+    return out
 
 
 def _invert_symmetric(entries: Array, size: int) -> None:
@@ -54,7 +67,8 @@ def _invert_symmetric(entries: Array, size: int) -> None:
     elif size == 2:
         xx, xy, yy = entries
         one_over = 1.0 / (xx * yy - xy * xy)
-        entries[:] = yy * one_over, -xy * one_over, xx * one_over
+        entries[0], entries[2] = yy * one_over, xx * one_over
+        xy *= -one_over
     else:
         xx, xy, xz, yy, yz, zz = entries
         first, second, third = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy

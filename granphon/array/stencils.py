@@ -347,12 +347,14 @@ class Stencils:
         """
         least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
         rooms = self.rooms.fill(stiffness) if springs is None else springs
-        local = [(fields, invert_blocks(self._rows, self.rooms, fields, rooms, least)) for fields in self._groups]
+        local = list(zip(self._groups, invert_blocks(self._rows, self.rooms, self._groups, rooms, least), strict=True))
+        blocks = list(self.blocks(self.n_fields))
 
         def add(force: Array, out: Array) -> None:
-            for rows in self.blocks(self.n_fields):
+            for rows in blocks:
                 for fields, block in local:
-                    out[fields, rows] += np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+                    there = out[fields, rows]
+                    np.add(there, np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]), out=there)
 
         return add
 
