@@ -1,12 +1,14 @@
-"""C^T D C by products of small matrices with all balls at once, for a D that couples the deformations of each contact.
+"""C, its transpose, and C^T D C for a D that couples the deformations of each contact, by products of small matrices.
 
-One product of matrices gives what the two ends of all contacts contribute to all deformations, another one the forces on
-balls; between them stand shifts of whole arrays. What :mod:`granphon.array.stencils` does row by row takes more passes.
+One product of a matrix with all balls gives what the two ends of all contacts contribute to all deformations, another one
+the forces on balls; between them stand shifts of whole arrays. It takes fewer passes than to go row by row, as
+:mod:`granphon.array.stencils` does, and more memory.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from granphon.array.array_rows import ArrayRow, stack_coefficients
 from granphon.array.rooms import Rooms
 
-__all__ = ["Coupling", "CoupledProduct", "multiply_columns"]
+__all__ = ["CoupledProduct", "Coupling", "multiply_columns"]
 
 Array = NDArray[np.float64]
 Single = NDArray[Any]
@@ -26,7 +28,7 @@ _ONE_THREAD = 2**18
 
 
 class Coupling:
-    """C and its transpose, of ``rows`` of deformations that each come for all ``contacts`` of a cell, in single precision.
+    """C and its transpose, of ``rows`` of deformations that each come for all ``contacts`` of a cell.
 
     The margins of its rooms hold images of the balls, and images of the contacts between them: so each ball finds all its
     contacts, and nothing has to be added up across the margins.
@@ -40,9 +42,50 @@ class Coupling:
             both_ways = [(2 * first, *rest) for first, *rest in both_ways]
         self.rooms = Rooms(shape, both_ways)
         self.steps = [self.rooms.offset(shift) for shift in shifts]
-        head, tail = stack_coefficients(rows, fields).astype(np.float32)
+        head, tail = stack_coefficients(rows, fields)
         self.split, self.join = np.concatenate([head, tail]), np.concatenate([head, -tail]).T.copy()
-        self.inside = self.rooms.inside.astype(np.float32).ravel()
+
+    @cached_property
+    def single(self) -> tuple[Single, Single, Single]:
+        """The two matrices, and a flattened room with ones inside, in single precision."""
+        split, join, inside = (one.astype(np.float32) for one in (self.split, self.join, self.rooms.inside))
+        return split, join, inside.ravel()
+
+    def stretch(self, balls: Array) -> Array:
+        """Return (rows, L1, ..., Lp) deformations C u."""
+        flat = self._surround([balls])
+        half, n, least = len(self.split) // 2, len(self.steps), min(0, *self.steps)
+        out = np.empty((half, *self.rooms.outer))
+        found = out.reshape(half // n, n, -1)
+        for first, end in self.rooms.spans(_CACHED):
+            size, near = end - first, flat[:, first + least : end + max(0, *self.steps)]
+            ends = np.empty((2 * half, near.shape[1]))
+            multiply_columns(self.split, near, ends)
+            heads, tails = ends.reshape(2, -1, n, near.shape[1])
+            for at, step in enumerate(self.steps):
+                far = slice(step - least, step - least + size)
+                np.subtract(heads[:, at, far], tails[:, at, -least : size - least], out=found[:, at, first:end])
+        return out[self.rooms.inner]
+
+    def pull(self, *tensions: Array) -> Array:
+        """Return (fields, L1, ..., Lp) C^T f, for tensions that are given in parts (n, L1, ..., Lp), one after the other."""
+        flat = self._surround(tensions)
+        half, n = len(flat), len(self.steps)
+        out = np.empty((len(self.join), *self.rooms.outer))
+        forces, by_contact = out.reshape(len(out), -1), flat.reshape(half // n, n, -1)
+        for first, end in self.rooms.spans(_CACHED):
+            ends = np.empty((2 * half, end - first))
+            heads = ends[:half].reshape(half // n, n, -1)
+            for at, step in enumerate(self.steps):
+                heads[:, at] = by_contact[:, at, first - step : end - step]
+            ends[half:] = flat[:, first:end]
+            multiply_columns(self.join, ends, forces[:, first:end])
+        return out[self.rooms.inner]
+
+    def _surround(self, parts: Sequence[Array]) -> Array:
+        """Return values with their images in the margins, as flattened rooms."""
+        rooms = self.rooms.surround(parts, float)
+        return rooms.reshape(len(rooms), -1)
 
 
 class _Part(NamedTuple):
@@ -79,14 +122,10 @@ class CoupledProduct:
 
     def __init__(self, coupling: Coupling, stiffness: Array, springs: Array, turning: Array, cross: Array) -> None:
         rooms, n = coupling.rooms, len(stiffness)
-        self._coupling = coupling
-        law = np.empty((n * (1 + 2 * len(springs) + len(cross)), *rooms.outer), np.float32)
-        at = 0
-        for part in (stiffness, *springs, *turning, *cross):
-            law[at : at + n][rooms.inner] = part
-            at += n
-        rooms.wrap(law)
-        fields, doubled = coupling.join.shape
+        self._rooms, self._steps = rooms, coupling.steps
+        self._split, self._join, self._inside = coupling.single
+        law = rooms.surround([stiffness, *springs, *turning, *cross], np.float32)
+        fields, doubled = self._join.shape
         self._room, self._out = np.empty((2, fields, *rooms.outer), np.float32)
         self._images = list(rooms.images(self._room))
         self._parts = list(self._divide(law.reshape(len(law), -1), n, doubled))
@@ -94,10 +133,10 @@ class CoupledProduct:
     def _divide(self, law: Single, n: int, doubled: int) -> Iterator[_Part]:
         """Yield the parts, which share the room for what the ends of contacts contribute."""
         flat, forces = (one.reshape(len(one), -1) for one in (self._room, self._out))
-        steps, half = self._coupling.steps, doubled // 2
+        steps, half = self._steps, doubled // 2
         least, most = min(0, *steps), max(0, *steps)
         reach, shared = most - least, np.empty(0, np.float32)
-        for first, end in self._coupling.rooms.spans(_CACHED):
+        for first, end in self._rooms.spans(_CACHED):
             # contacts that begin at a place from low to high have an end in this part
             low, high, size = first - most, end - least, end - first
             count = high - low
@@ -122,7 +161,7 @@ class CoupledProduct:
                 joined=joined,
                 forces=forces[:, first:end],
                 own=rows[:n, most : most + size],
-                inside=self._coupling.inside[first:end],
+                inside=self._inside[first:end],
             )
 
     def __call__(self, balls: Single, press: float | None) -> tuple[Single, float]:
@@ -130,12 +169,12 @@ class CoupledProduct:
 
         ``press`` adds to the overlaps of all contacts; without it the sum is not found.
         """
-        rooms, total = self._coupling.rooms, 0.0
+        rooms, total = self._rooms, 0.0
         self._room[rooms.inner] = balls
         for image, ball in self._images:
             image[...] = ball
         for part in self._parts:
-            multiply_columns(self._coupling.split, part.near, part.ends)
+            multiply_columns(self._split, part.near, part.ends)
             for head, tail in part.pairs:
                 np.subtract(head, tail, out=tail)
             if press:
@@ -147,7 +186,7 @@ class CoupledProduct:
             np.subtract(part.slips, change, out=part.slips)
             for to, tail in part.gathered:
                 to[...] = tail
-            multiply_columns(self._coupling.join, part.joined, part.forces)
+            multiply_columns(self._join, part.joined, part.forces)
             if press is not None:
                 total -= float(np.sum(part.own * part.inside))
         return self._out[rooms.inner].copy(), total

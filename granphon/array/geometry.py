@@ -131,7 +131,7 @@ class LatticePlace:
 
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
         self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
-        rows, n = self._stencils.deformations(Motion(balls, 0.0)), self._stencils.n_contacts
+        rows, n = self._stencils.coupling.stretch(balls), self._stencils.n_contacts
         self.overlaps = overlap + geometry.means - rows[:n]
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
@@ -145,7 +145,7 @@ class LatticePlace:
 
     def pull(self, forces: Array, shears: Array) -> Array:
         """Return the forces on balls."""
-        return self._stencils.forces(self._stack(forces, -shears))
+        return self._stencils.coupling.pull(forces, *-shears)
 
     def press(self, forces: Array, shears: Array) -> float:
         """Return the mean normal force."""

@@ -53,6 +53,15 @@ class Rooms:
         rooms[self.inner] = values
         return rooms
 
+    def surround(self, parts: Sequence[Array], precision: DTypeLike) -> Array:
+        """Return rooms that hold parts (n, L1, ..., Lp), one after the other, and their images in the margins."""
+        rooms, at = np.empty((sum(map(len, parts)), *self.outer), precision), 0
+        for part in parts:
+            rooms[at : at + len(part)][self.inner] = part
+            at += len(part)
+        self.wrap(rooms)
+        return rooms
+
     @cached_property
     def inside(self) -> Array:
         """(P1, ..., Pp) one where balls are, and zero in the margins."""

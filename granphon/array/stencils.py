@@ -117,7 +117,7 @@ class Stencils:
 
     @cached_property
     def coupling(self) -> Coupling:
-        """C and its transpose in single precision, for tensions that couple the deformations of a contact."""
+        """C and its transpose by products of matrices."""
         return Coupling(self._rows, self.shape, self.n_contacts, self.n_fields)
 
     @property
