@@ -199,12 +199,16 @@ class FrictionLaw:
         old = before.roots
         less = np.minimum(old, new)  # where h falls, as if it had been at its end before
         total = less + new
-        springs: Array = self.mindlin_ratio * (total - less * new / np.maximum(total, _TINY))
+        springs: Array = less * new
+        springs /= np.maximum(total, _TINY)
+        np.subtract(total, springs, out=springs)
+        springs *= self.mindlin_ratio
         # a contact that closes in the step: only the part of the step after it has closed counts
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         force = self.mindlin_ratio * new.take(opens) ** 3
         np.put(springs, opens, force / (overlaps.take(opens) - before.overlaps.take(opens)))
-        np.multiply(springs, slips - before.slips, out=shears)
+        np.subtract(slips, before.slips, out=shears)
+        shears *= springs
         shears += less * before.bent
         return springs
 
@@ -212,13 +216,17 @@ class FrictionLaw:
         """Return the derivatives of the tangential forces with respect to h if nothing slid in a step."""
         old, new, eta = before.roots, after.roots, self.mindlin_ratio
         less = np.minimum(old, new)
-        over = np.divide(1.0, less + new, out=np.zeros_like(new), where=new > 0.0)
-        slope: Array = (0.5 * eta) * (1.0 + less * over) * over
+        over = (new > 0.0) / np.maximum(less + new, _TINY)
+        slope: Array = less * over
+        slope += 1.0
+        slope *= over
+        slope *= 0.5 * eta
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         width, root = after.overlaps.take(opens) - before.overlaps.take(opens), new.take(opens)
         np.put(slope, opens, eta * (1.5 * root - root**3 / width) / width)
         coupling = np.empty(after.slips.shape)  # in the order of its indices, whatever that of the slips
-        np.multiply(slope, after.slips - before.slips, out=coupling)
+        np.subtract(after.slips, before.slips, out=coupling)
+        coupling *= slope
         # where h falls, the stiffness does as k does at the end, twice as fast, and what T was before in proportion
         coupling += (new < old) * (coupling + over * before.bent)
         return coupling
