@@ -16,7 +16,7 @@ from scipy.optimize import root
 from test_stencils import Explicit, cartesian
 
 import granphon as gp
-from granphon.array import friction, gas, load_step
+from granphon.array import coupling, friction, gas, load_step
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
@@ -613,6 +613,44 @@ def test_the_preconditioner_is_exact_for_equal_contacts_and_near_for_others(latt
     assert near < 0.7 * sum_of_both
 
 
+@pytest.mark.parametrize("part", [2**15, 7])
+@pytest.mark.parametrize("shape", [(4, 5, 6), (2, 1, 3)])
+@pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, KAGOME, SC, BCC, FCC, DIAMOND])
+def test_products_of_matrices_give_what_is_found_row_by_row(monkeypatch, lattice, shape, part):
+    """In whole and in parts, where steps lead one way or both, and where margins are wider than the array."""
+    monkeypatch.setattr(coupling, "_CACHED", part)
+    shape = shape[: lattice.periods]
+    stencils, draw = Stencils(shape, ETA, lattice=lattice), np.random.default_rng(3)
+    n, slips = stencils.n_contacts, stencils.n_rows // stencils.n_contacts - 1
+    balls = draw.normal(size=(stencils.n_fields, *shape)).astype(np.float32)
+    sliding = draw.normal(size=(slips, n, *shape))
+    tangent = Tangent(
+        draw.uniform(0.0, 2.0, (n, *shape)), draw.uniform(0.0, 2.0, (n, *shape)), draw.normal(size=(slips, n, *shape)),
+        sliding / np.sqrt(np.sum(sliding**2, axis=0)), 0.1,
+    )  # fmt: skip
+    rows = stencils.deformations(Motion(balls.astype(float), 0.3))
+    assert_allclose(stencils.coupling.stretch(balls)[n:], rows[n:], atol=1e-13)
+    normal, shear = tangent.apply(rows[:n], rows[n:].reshape(slips, n, *shape))
+    forces = stencils.forces(np.concatenate([normal, shear.reshape(-1, *shape)]))
+    assert_allclose(stencils.coupling.pull(normal, *shear), forces, atol=1e-12)
+    found, push = multiply(stencils, tangent)(balls, 0.3)
+    rounding = float(np.finfo(np.float32).eps)
+    # three sums, one after the other, of no more terms than rows
+    assert_allclose(found, forces, atol=3 * stencils.n_rows * rounding * float(np.max(np.abs(forces))))
+    assert push == pytest.approx(-float(np.sum(normal)), abs=stencils.n_rows * rounding * float(np.sum(np.abs(normal))))
+
+
+def test_a_product_is_not_changed_by_the_next_one():
+    stencils = Stencils((4, 4), ETA)
+    k, none = np.ones((3, 4, 4)), np.zeros((1, 3, 4, 4))
+    product, draw = multiply(stencils, Tangent(k, ETA * k, none, none)), np.random.default_rng(3)
+    one, other = draw.normal(size=(2, 3, 4, 4)).astype(np.float32)
+    first = product(one, None)[0]
+    kept = first.copy()
+    product(other, None)
+    assert_array_equal(first, kept)
+
+
 # -- starts ---------------------------------------------------------------------------------------------------------------
 
 
@@ -724,6 +762,17 @@ def test_a_solution_that_repeats_itself_or_cannot_be_reached_ends():
     lost, taken = solve_by_minimal_residuals(lambda v: matrix @ v, lambda v: v, np.array([0.0, 0.0, 1.0]), 1e-3, 50)
     assert not np.any(lost)
     assert taken == 0
+
+
+@pytest.mark.parametrize("kinds", [5, 25])
+def test_minimal_residuals_take_no_more_iterations_than_there_are_eigenvalues(kinds):
+    """Vectors are then as many as need shorter parts, and their length is not a whole number of parts."""
+    draw = np.random.default_rng(3)
+    values = np.resize(np.linspace(1.0, 100.0, kinds), 2500).astype(np.float32)
+    right = draw.normal(size=values.size)
+    found, taken = solve_by_minimal_residuals(lambda v: values * v, lambda v: v, right, 1e-5, 100)
+    assert taken <= kinds
+    assert np.linalg.norm(values * found - right) <= 1.1e-5 * np.linalg.norm(right)
 
 
 def test_where_the_array_stands_no_step_is_taken():
