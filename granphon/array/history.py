@@ -29,6 +29,7 @@ from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place
 from granphon.array.load_step import LoadStep, is_balanced
+from granphon.array.patches import Patches
 from granphon.array.pressing import (
     BALANCE_TOLERANCE,
     PressedArray,
@@ -108,6 +109,7 @@ class LoadingHistory:
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
         self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
+        self._patches = Patches(self.stencils)
         self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
 
     # -- the path ---------------------------------------------------------------------------------------------------
@@ -235,7 +237,7 @@ class LoadingHistory:
         ahead, halvings, failed = [load], 0, 0
         while ahead:
             here = trail[-1]
-            step = LoadStep(self._geometry, self._law, here, self._locate(here), ahead[-1], self.drag)
+            step = LoadStep(self._geometry, self._law, here, self._locate(here), ahead[-1], self._patches, self.drag)
             trial = step.solve(*self._extrapolate(trail, ahead[-1]))
             failed += trial.newton
             if is_balanced(trial):

@@ -1,8 +1,6 @@
 """One step of a loading history: Newton's method for the balance of forces and torques under the law of the contacts.
 
-The linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts slide, or where the shear
-stiffness changes with the overlap. GMRES solves them, preconditioned by each ball's own inverse and then
-Green's function of the lattice, in single precision and no more accurately than the step needs.
+The linear equations (:mod:`granphon.array.linear_step`) are solved no more accurately than the step needs.
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method would turn it without limit.
 Such balls are turned by themselves after the step, to where their torques vanish while all others are held: the torque is a
@@ -19,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.geometry import Geometry, Inverse, Place, multiply
-from granphon.array.preconditioners import Preconditioners
+from granphon.array.geometry import Geometry, Place
+from granphon.array.linear_step import LinearSteps
+from granphon.array.patches import Patches
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
-from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.steps import Prescribed
 
@@ -44,13 +42,6 @@ _SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
 _MOST_STAGES = 300
 #: number of steps of Newton's method after which no new limits are found
 _MOST_STEPS = 600
-#: largest number of iterations of a step of Newton's method
-_MOST_ITERATIONS = 300
-#: number of iterations of a step of Newton's method that Green's function may take, and the number beyond, of all steps
-#: together, at which the matrix of up to so many balls is factorised; for more balls it grows as their root, as factors cost
-_FEW, _WASTE, _WASTE_BALLS = 30, 250, 4096
-#: the largest number of iterations with factors after which these are kept
-_FEW_WITH_FACTORS = 10
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
 #: distance from balance
 _LOOSEST, _FORCING = 0.1, 1.0
@@ -83,11 +74,12 @@ class LoadStep:
     """
 
     def __init__(
-        self, geometry: Geometry, law: FrictionLaw, here: PressedArray, place: Place, load: Prescribed, drag: float = 0.0
+        self, geometry: Geometry, law: FrictionLaw, here: PressedArray, place: Place, load: Prescribed, patches: Patches,
+        drag: float = 0.0,
     ) -> None:
         self._geometry, self._stencils, self._law = geometry, geometry.stencils, law
         self._here, self._place, self._load, self._drag = here, place, load, drag
-        self._inverses, self._factorised, self._wasted = Preconditioners(self._stencils, 1.0), False, 0
+        self._patches, self._linear = patches, LinearSteps(patches, bool(drag))
         self._slides = 0.0 < law.friction_coefficient < math.inf
         # dashpots hold balls whose contacts all slide
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
@@ -130,7 +122,7 @@ class LoadStep:
         stages = math.ceil((math.log(_SMALL_FRICTION) - math.log(mu)) / math.log(_STIFFER))
         for stage in range(min(stages, _MOST_STAGES), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
-            step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._drag)
+            step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._patches, self._drag)
             trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
             trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
             if trial.left == math.inf:
@@ -228,58 +220,16 @@ class LoadStep:
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
         stencils, distance, free = self._stencils, max(trial.left, trial.missed), self._load.overlap is None
-        mean, size, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, trial.balls.size, stencils.mindlin_ratio
+        mean, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, stencils.mindlin_ratio
         added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
-        balls = math.prod(stencils.ball_shape)
-        hard = self._wasted >= _WASTE * max(1.0, math.sqrt(balls / _WASTE_BALLS))
-        self._factorised |= hard  # factors then serve for later steps too
-        inverse = self._invert(tangent, hard)
-        held = np.float32(1.0 / tangent.stiffness.size)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
-
-        def apply(vector: Single) -> Single:
-            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else None
-            pull, push = product(balls, press)
-            return np.append(pull, np.float32(push)) if free else np.ravel(pull)
-
-        def precondition(vector: Single) -> Single:
-            balls = inverse(vector[:size].reshape(trial.balls.shape)).astype(np.float32, copy=False)
-            return np.append(balls, held * vector[size]) if free else np.ravel(balls)
-
-        right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
-        found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
-        self._wasted = 0 if hard else self._wasted + max(0, taken - _FEW)
-        # factors of a tangent that has changed since are no better than Green's function, and cost more
-        self._factorised &= taken <= _FEW_WITH_FACTORS
-        return Motion(self._shorten(found[:size], trial), float(found[size]) if free else 0.0), taken
-
-    def _invert(self, tangent: Tangent, hard: bool) -> Inverse:
-        """Return an approximate inverse of C^T D C, new factors of it if it is ``hard``.
-
-        It moves each ball as if its neighbours were held, and then all by Green's function under what that leaves.
-        """
-        stencils = self._stencils
-        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
-        springs: Single = stiffnesses.astype(np.float32)
-        if self._factorised:
-            return self._inverses.choose(springs, hard)
-        if self._drag:  # where few balls touch, Green's function would carry on what each ball's own motion leaves too far
-            return stencils.preconditioner(springs)
-        mean = float(np.mean(springs[: stencils.n_contacts]))
-        relax, carry = stencils.relax(springs), stencils.carry(springs.dtype, mean)
-        product = multiply(stencils, tangent)
-
-        def apply(force: Single) -> Single:
-            motion = np.zeros_like(force)
-            relax(force, motion)
-            motion += carry(force - product(motion, None)[0])
-            return motion
-
-        return apply
+        push = trial.push / mean if free else None
+        way, taken = self._linear.solve(product, tangent, trial.pull / mean, push, reduction)
+        return Motion(self._shorten(way.balls, trial), way.compression), taken
 
     def _shorten(self, found: Array, trial: Trial) -> Array:
         """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""

@@ -1,0 +1,151 @@
+"""Patches of an array: few balls that move while all others are held, by a sparse LU factorisation.
+
+Newton's method takes long where few balls hold each other but nothing else holds them. The lattice's Green's function does
+not know of them, and the inverse of a single ball takes its neighbours to be fixed. What GMRES leaves after some iterations
+sits on such balls and tells where they are. An inverse of their own matrix, neighbours included, then takes the place of
+those of single balls. Patches that do not touch are inverted together: one is a block of the matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.friction import Tangent
+from granphon.array.stencils import Stencils
+
+__all__ = ["Indices", "Patches", "Put"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+#: puts the motions of some balls under a force into an array of motions
+Put = Callable[[Array, Array], None]
+#: part of the square of a residual that the balls which are added to a patch hold; and the most that are added at a time, as
+#: a part of the array, or as a number
+_HELD, _MOST_PART, _MOST = 0.9, 1.0 / 32.0, 48
+#: part of the array, on a line, in a plane and in space, from which a patch is the whole array
+_WHOLE = 0.4
+#: largest number of balls in a patch, for lattices with 1, 2, 3 periods: factors cost more than iterations then
+_LARGEST = (2**16, 2**12, 2**9)
+#: stiffness that holds balls which nothing holds, over the mean stiffness
+_HOLDING = 1e-5
+
+
+class Patches:
+    """Table of the contacts of each ball, with the rows of C, from which patches are cut."""
+
+    def __init__(self, stencils: Stencils) -> None:
+        self.stencils = stencils
+        self._fields, self._cells = stencils.motions.count, math.prod(stencils.shape)
+        self._balls, self._largest = stencils.n_balls * self._cells, _LARGEST[len(stencils.shape) - 1]
+
+    @cached_property
+    def _ends(self) -> Indices:
+        """(2, contacts) balls j and i of each contact."""
+        site, axes = np.arange(self._cells).reshape(self.stencils.shape), tuple(range(len(self.stencils.shape)))
+        pairs = zip(self.stencils.ends, self.stencils.shifts, strict=True)
+        both = [
+            (j * self._cells + np.roll(site, [-n for n in shift], axes).ravel(), i * self._cells + site.ravel())
+            for (i, j), shift in pairs
+        ]
+        return np.concatenate(both, axis=1)
+
+    @cached_property
+    def _by_ball(self) -> tuple[Indices, Indices]:
+        """Contacts of one ball after the other, and the places where those of each begin."""
+        order = np.argsort(self._ends, axis=None, kind="stable")
+        return order % self._ends.shape[1], np.searchsorted(self._ends.ravel()[order], np.arange(self._balls + 1))
+
+    @cached_property
+    def _rows(self) -> Array:
+        """(2, kinds, rows, fields) coefficients of the motions of balls j, and less those of balls i."""
+        kinds, (head, tail) = self.stencils.n_contacts, self.stencils.coefficients
+        both = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
+        kind, (i, j) = np.arange(kinds), np.transpose(self.stencils.ends)
+        return np.array([both[0][:, kind, j], both[1][:, kind, i]]).swapaxes(1, 2)
+
+    def find_worst(self, forces: Array) -> Indices:
+        """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1, ..., Lp) are left."""
+        by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
+        squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
+        most = min(max(_MOST, int(_MOST_PART * self._balls)), self._balls)
+        worst = np.argsort(-squares, kind="stable")[:most]
+        sums = np.cumsum(squares[worst])
+        worst = worst[: int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1]
+        return np.unique(self._ends[:, self._find_contacts(worst)])
+
+    def join(self, balls: Indices, more: Indices) -> Indices:
+        """Return the balls of a patch and more, or all balls if there are many; ``balls`` alone if they would be too many."""
+        joined = np.union1d(balls, more)
+        joined = np.arange(self._balls) if joined.size > _WHOLE * self._balls else joined
+        return joined if joined.size <= self._largest else balls
+
+    def _find_contacts(self, balls: Indices) -> Indices:
+        contacts, first = self._by_ball
+        counts = first[balls + 1] - first[balls]
+        starts = np.repeat(first[balls] - np.cumsum(counts) + counts, counts)
+        return np.unique(contacts[starts + np.arange(starts.size)])
+
+    def invert(self, balls: Indices, tangent: Tangent) -> Put | None:
+        """Return what puts the motions of balls under a force into an array of motions; None if there is no inverse.
+
+        The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
+        """
+        from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
+        from scipy.sparse.linalg import splu
+
+        contacts = self._find_contacts(balls)
+        place, n = np.full(self._balls, -1), contacts.size
+        place[balls] = np.arange(balls.size)
+        c = self._cut(contacts, place, balls.size)
+        stiffness, (springs, coupling, cross) = tangent.stiffness.reshape(-1)[contacts], (
+            one.reshape(len(one), tangent.stiffness.size)[:, contacts] for one in (tangent.springs, tangent.coupling, tangent.cross)
+        )  # fmt: skip
+        elongation = np.arange(n)
+        slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
+        entries = [(stiffness, elongation, elongation), *zip(springs, slips, slips, strict=True)]
+        entries += [(-one, slip, elongation) for one, slip in zip(coupling, slips, strict=True)]
+        entries += [(-one, *pair) for one in cross for pair in (slips, slips[::-1])]
+        values, rows, columns = (np.concatenate(one) for one in zip(*entries, strict=True))
+        d = coo_array((values, (rows, columns)), shape=(c.shape[0], c.shape[0])).tocsr()
+        # its transpose: rows of a matrix are the columns of that
+        matrix: Any = (c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")).T
+        try:
+            factors = splu(
+                matrix.astype(np.float32),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,  # the matrix is nearly symmetric
+                relax=1,
+                options={"SymmetricMode": True, "Equil": False},
+            )
+        except RuntimeError:  # singular to the last digit
+            return None
+        at = balls // self._cells, slice(None), balls % self._cells
+        shape = self.stencils.n_balls, self._fields, self._cells
+
+        def put(force: Array, motion: Array) -> None:
+            found = factors.solve(force.reshape(shape)[at].ravel(), "T")
+            motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
+
+        return put
+
+    def _cut(self, contacts: Indices, place: Indices, size: int) -> Any:
+        """Return C of some contacts and of the balls that have a ``place`` among ``size``, field after field of each."""
+        from scipy.sparse import coo_array
+
+        n, entries, where = contacts.size, [], []
+        shape = (self._rows.shape[2], self._fields)
+        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
+            inside = np.flatnonzero(ends >= 0)
+            values = coefficients[contacts[inside] // self._cells]
+            row = np.broadcast_to((inside[:, None] + n * np.arange(shape[0]))[..., None], values.shape)
+            column = np.broadcast_to((self._fields * ends[inside, None] + np.arange(shape[1]))[:, None], values.shape)
+            entries.append(values.ravel())
+            where.append((row.ravel(), column.ravel()))
+        rows, columns = (np.concatenate(one) for one in zip(*where, strict=True))
+        return coo_array((np.concatenate(entries), (rows, columns)), shape=(shape[0] * n, self._fields * size)).tocsr()
