@@ -20,7 +20,7 @@ from granphon.array import coupling, friction, gas, load_step
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.geometry import multiply
+from granphon.array.geometry import LatticeGeometry, multiply
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import integrate_last
@@ -613,7 +613,7 @@ def test_the_preconditioner_is_exact_for_equal_contacts_and_near_for_others(latt
     assert near < 0.7 * sum_of_both
 
 
-@pytest.mark.parametrize("part", [2**15, 7])
+@pytest.mark.parametrize("part", [2**20, 500])
 @pytest.mark.parametrize("shape", [(4, 5, 6), (2, 1, 3)])
 @pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, KAGOME, SC, BCC, FCC, DIAMOND])
 def test_products_of_matrices_give_what_is_found_row_by_row(monkeypatch, lattice, shape, part):
@@ -638,6 +638,20 @@ def test_products_of_matrices_give_what_is_found_row_by_row(monkeypatch, lattice
     # three sums, one after the other, of no more terms than rows
     assert_allclose(found, forces, atol=3 * stencils.n_rows * rounding * float(np.max(np.abs(forces))))
     assert push == pytest.approx(-float(np.sum(normal)), abs=stencils.n_rows * rounding * float(np.sum(np.abs(normal))))
+
+
+def test_places_of_large_arrays_are_those_of_small_ones(monkeypatch):
+    draw = np.random.default_rng(3)
+    deviations, motion = draw.normal(size=(4, 5)), draw.normal(size=(3, 4, 5))
+    small, large = (LatticeGeometry(Stencils((4, 5), ETA), deviations) for _ in range(2))
+    one = small.place(motion, 0.3)
+    pull = one.pull(one.overlaps, one.slips(one, one.overlaps))
+    monkeypatch.setattr(coupling, "_CACHED", 500)
+    other = large.place(motion, 0.3)
+    assert_allclose(other.overlaps, one.overlaps, atol=1e-14)
+    assert_allclose(other.pull(one.overlaps, one.slips(one, one.overlaps)), pull, atol=1e-13)
+    assert small.stencils.coupling.is_small
+    assert not large.stencils.coupling.is_small
 
 
 def test_a_product_is_not_changed_by_the_next_one():

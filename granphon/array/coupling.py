@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.array_rows import ArrayRow, stack_coefficients
 from granphon.array.rooms import Rooms
@@ -21,8 +21,8 @@ __all__ = ["CoupledProduct", "Coupling", "multiply_columns"]
 
 Array = NDArray[np.float64]
 Single = NDArray[Any]
-#: number of places of the flattened room that are worked on at a time, so that they stay in the processor's cache
-_CACHED = 2**15
+#: bytes of what the ends of contacts contribute that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**20
 #: number of products in a product of matrices up to which OpenBLAS takes one thread
 _ONE_THREAD = 2**18
 
@@ -51,13 +51,18 @@ class Coupling:
         split, join, inside = (one.astype(np.float32) for one in (self.split, self.join, self.rooms.inside))
         return split, join, inside.ravel()
 
+    @cached_property
+    def is_small(self) -> bool:
+        """Whether the array is one part: larger ones gain little by :meth:`stretch` and :meth:`pull`, which take memory."""
+        return len(list(self.spans(float))) == 1
+
     def stretch(self, balls: Array) -> Array:
         """Return (rows, L1, ..., Lp) deformations C u."""
         flat = self._surround([balls])
         half, n, least = len(self.split) // 2, len(self.steps), min(0, *self.steps)
         out = np.empty((half, *self.rooms.outer))
         found = out.reshape(half // n, n, -1)
-        for first, end in self.rooms.spans(_CACHED):
+        for first, end in self.spans(float):
             size, near = end - first, flat[:, first + least : end + max(0, *self.steps)]
             ends = np.empty((2 * half, near.shape[1]))
             multiply_columns(self.split, near, ends)
@@ -73,7 +78,7 @@ class Coupling:
         half, n = len(flat), len(self.steps)
         out = np.empty((len(self.join), *self.rooms.outer))
         forces, by_contact = out.reshape(len(out), -1), flat.reshape(half // n, n, -1)
-        for first, end in self.rooms.spans(_CACHED):
+        for first, end in self.spans(float):
             ends = np.empty((2 * half, end - first))
             heads = ends[:half].reshape(half // n, n, -1)
             for at, step in enumerate(self.steps):
@@ -81,6 +86,10 @@ class Coupling:
             ends[half:] = flat[:, first:end]
             multiply_columns(self.join, ends, forces[:, first:end])
         return out[self.rooms.inner].copy()
+
+    def spans(self, precision: DTypeLike) -> Iterator[tuple[int, int]]:
+        """Yield (first, end) of parts of the flattened room to work on, one after the other."""
+        return self.rooms.spans(max(1, _CACHED // (len(self.split) * np.dtype(precision).itemsize)))
 
     def _surround(self, parts: Sequence[Array]) -> Array:
         """Return values with their images in the margins, as flattened rooms."""
@@ -128,15 +137,15 @@ class CoupledProduct:
         fields, doubled = self._join.shape
         self._room, self._out = np.empty((2, fields, *rooms.outer), np.float32)
         self._images = list(rooms.images(self._room))
-        self._parts = list(self._divide(law.reshape(len(law), -1), n, doubled))
+        self._parts = list(self._divide(law.reshape(len(law), -1), n, doubled, coupling.spans(np.float32)))
 
-    def _divide(self, law: Single, n: int, doubled: int) -> Iterator[_Part]:
+    def _divide(self, law: Single, n: int, doubled: int, spans: Iterator[tuple[int, int]]) -> Iterator[_Part]:
         """Yield the parts, which share the room for what the ends of contacts contribute."""
         flat, forces = (one.reshape(len(one), -1) for one in (self._room, self._out))
         steps, half = self._steps, doubled // 2
         least, most = min(0, *steps), max(0, *steps)
         reach, shared = most - least, np.empty(0, np.float32)
-        for first, end in self._rooms.spans(_CACHED):
+        for first, end in spans:
             # contacts that begin at a place from low to high have an end in this part
             low, high, size = first - most, end - least, end - first
             count = high - low

@@ -131,7 +131,9 @@ class LatticePlace:
 
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
         self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
-        rows, n = self._stencils.coupling.stretch(balls), self._stencils.n_contacts
+        stencils, n = self._stencils, self._stencils.n_contacts
+        small = stencils.coupling.is_small
+        rows = stencils.coupling.stretch(balls) if small else stencils.deformations(Motion(balls, 0.0))
         self.overlaps = overlap + geometry.means - rows[:n]
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
@@ -145,7 +147,9 @@ class LatticePlace:
 
     def pull(self, forces: Array, shears: Array) -> Array:
         """Return the forces on balls."""
-        return self._stencils.coupling.pull(forces, *-shears)
+        if self._stencils.coupling.is_small:
+            return self._stencils.coupling.pull(forces, *-shears)
+        return self._stencils.forces(self._stack(forces, -shears))
 
     def press(self, forces: Array, shears: Array) -> float:
         """Return the mean normal force."""

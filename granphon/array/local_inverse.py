@@ -47,8 +47,10 @@ def invert_blocks(
         multiply_columns(combine, held, found)
         near = sums[:, first + low : end + high]
         np.add(near, found, out=near)
-    blocks = np.split(rooms.fold(room) + extra.reshape(-1, *(1,) * len(rooms.shape)), np.cumsum([len(p) for p in own])[:-1])
-    return [_spread(block, group.stop - group.start, springs.dtype) for block, group in zip(blocks, groups, strict=True)]
+    blocks = rooms.fold(room)
+    blocks += extra.reshape(-1, *(1,) * len(rooms.shape))
+    parts = np.split(blocks, np.cumsum([len(pairs) for pairs in own])[:-1])
+    return [_spread(part, group.stop - group.start, springs.dtype) for part, group in zip(parts, groups, strict=True)]
 
 
 def _spread(entries: Array, size: int, precision: DTypeLike) -> Array:
