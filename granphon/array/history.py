@@ -61,7 +61,7 @@ _SAME_LOAD = 1e-12
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
 #: number of steps of Newton's method that have led to no balance, after which a load is given up
-_MOST_FAILED = 600
+_MOST_FAILED = 1300
 #: number of steps to one load
 _MOST_STEPS = 500
 

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.coupling import CoupledProduct
 from granphon.array.friction import Tangent
 from granphon.array.geometry import Inverse, Product, multiply
 from granphon.array.patches import Indices, Patches, Put
@@ -45,7 +46,9 @@ class LinearSteps:
         The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry. Without a ``push``, the force
         that the contacts lack in sum, the overlap stays as it is.
         """
-        size, inverse = pull.size, self.invert(tangent)
+        # the product of the lattice serves as it is in the true geometry too, where its own takes longer
+        near = product if isinstance(product, CoupledProduct) else multiply(self._stencils, tangent)
+        size, inverse = pull.size, self.invert(tangent, near)
         held = np.float32(1.0 / tangent.stiffness.size)
 
         def apply(vector: Single) -> Single:
@@ -67,14 +70,14 @@ class LinearSteps:
                 break
             rest = right - apply(found.astype(np.float32))
             weak = self._patches.join(self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape)))
-            if renewed and weak.size == self._weak.size:  # the patch has no more to give
+            if weak.size == self._weak.size and (renewed or not weak.size):  # the patch has no more to give
                 most = _MOST_ITERATIONS - taken
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
         return Motion(found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])), taken
 
-    def invert(self, tangent: Tangent) -> Inverse:
-        """Return an approximate inverse of C^T D C.
+    def invert(self, tangent: Tangent, product: Product) -> Inverse:
+        """Return an approximate inverse of C^T D C, of which ``product`` is the product.
 
         The patch may be that of a tangent before: it is made anew only when it does not serve any more.
         """
@@ -83,7 +86,6 @@ class LinearSteps:
         springs: Single = stiffnesses.astype(np.float32)
         relax = stencils.relax(springs)
         carry = stencils.carry(springs.dtype, float(np.mean(springs[: stencils.n_contacts])))
-        product = multiply(stencils, tangent)
 
         def apply(force: Single) -> Single:
             motion = np.zeros_like(force)
@@ -91,7 +93,8 @@ class LinearSteps:
             if self._put is not None:
                 self._put(force, motion)
             # where few balls touch, Green's function would carry on what each ball's own motion leaves too far
-            motion += carry(force if self._damped else force - product(motion, None)[0])
-            return motion
+            moved = carry(force if self._damped else force - product(motion, None)[0])
+            moved += motion
+            return moved
 
         return apply

@@ -74,7 +74,13 @@ class LoadStep:
     """
 
     def __init__(
-        self, geometry: Geometry, law: FrictionLaw, here: PressedArray, place: Place, load: Prescribed, patches: Patches,
+        self,
+        geometry: Geometry,
+        law: FrictionLaw,
+        here: PressedArray,
+        place: Place,
+        load: Prescribed,
+        patches: Patches,
         drag: float = 0.0,
     ) -> None:
         self._geometry, self._stencils, self._law = geometry, geometry.stencils, law
@@ -207,8 +213,8 @@ class LoadStep:
         fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         turning = fields[:, stencils.motions.turning]
         square = max(
-            float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))),
-            float(np.max(np.sum(turning**2, axis=1))) if turning.size else 0.0,
+            float(np.max(_square(stencils.cartesian(pull), 0))),
+            float(np.max(_square(turning, 1))) if turning.size else 0.0,
         )
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
@@ -261,6 +267,11 @@ class LoadStep:
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
         fields[:, 0][loose.reshape(stencils.n_balls, *stencils.shape)] += turn
         return self._try(balls, trial.overlap, guess)
+
+
+def _square(vectors: Array, axis: int) -> Array:
+    vectors = np.moveaxis(vectors, axis, 0)
+    return np.asarray(np.einsum("a...,a...->...", vectors, vectors))
 
 
 def is_balanced(trial: Trial) -> bool:

@@ -30,8 +30,9 @@ Put = Callable[[Array, Array], None]
 _HELD, _MOST_PART, _MOST = 0.9, 1.0 / 32.0, 48
 #: part of the array, on a line, in a plane and in space, from which a patch is the whole array
 _WHOLE = 0.4
-#: largest number of balls in a patch, for lattices with 1, 2, 3 periods: factors cost more than iterations then
-_LARGEST = (2**16, 2**12, 2**9)
+#: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods: factors of more cost more than
+#: the iterations that they save
+_LARGEST = (2**16, 12_288, 768)
 #: stiffness that holds balls which nothing holds, over the mean stiffness
 _HOLDING = 1e-5
 
@@ -42,7 +43,10 @@ class Patches:
     def __init__(self, stencils: Stencils) -> None:
         self.stencils = stencils
         self._fields, self._cells = stencils.motions.count, math.prod(stencils.shape)
-        self._balls, self._largest = stencils.n_balls * self._cells, _LARGEST[len(stencils.shape) - 1]
+        self._balls, self._largest = (
+            stencils.n_balls * self._cells,
+            _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts,
+        )
 
     @cached_property
     def _ends(self) -> Indices:
@@ -73,7 +77,8 @@ class Patches:
         """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1, ..., Lp) are left."""
         by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
-        most = min(max(_MOST, int(_MOST_PART * self._balls)), self._balls)
+        near = 1 + self._ends.size // self._balls  # a ball and its neighbours
+        most = min(max(_MOST, int(_MOST_PART * self._balls)), max(1, self._largest // near), self._balls)
         worst = np.argsort(-squares, kind="stable")[:most]
         sums = np.cumsum(squares[worst])
         worst = worst[: int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1]
