@@ -44,7 +44,7 @@ _MOST_STAGES = 300
 _MOST_STEPS = 600
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
 #: distance from balance
-_LOOSEST, _FORCING = 0.1, 1.0
+_LOOSEST, _FORCING = 0.1, 0.3
 #: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
 #: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
 _LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
