@@ -15,9 +15,9 @@ faces and its own diagonal (in hcp in the layers, across them and between).
 
 On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
 
-On the triangular lattice ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against another truth
-(:class:`Truth`): arrays that were loaded with friction. Without a history their simulation is a medium like the others, and
-its error is what friction in the statics does.
+On the triangular lattice and in fcc ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against
+another truth (:class:`Truth`): arrays that were loaded with friction. Without a history their simulation is a medium like
+the others, and its error is what friction in the statics does.
 """
 
 from __future__ import annotations
