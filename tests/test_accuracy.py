@@ -499,7 +499,7 @@ def test_truths_that_are_not_covered_say_why_and_have_an_infinite_error(packing,
 
 def test_a_response_that_was_not_measured_on_a_lattice_says_which_were():
     packing, truth = balls(lattice="fcc"), Truth(0.2, "partial_slip")
-    told = "they were measured for shear_response slide and stick there, not for partial_slip"
+    told = "they were measured for shear_response slide and stick on this lattice, not for partial_slip"
     assert accuracy().explain_uncovered(packing, truth) == told
     assert np.isinf(accuracy().error("ema", packing, Load("force", 10.0), truth=truth))
     assert accuracy().explain_uncovered(balls(), truth) is None

@@ -221,7 +221,8 @@ def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: Truth) 
         return f"they were measured for friction coefficients from {least:g} on, not for {mu:g}"
     responses = list(dict.fromkeys(one["shear_response"] for one in part["truths"]))
     if truth.shear_response not in responses:
-        return f"they were measured for shear_response {' and '.join(responses)} there, not for {truth.shear_response}"
+        found = f"they were measured for shear_response {' and '.join(responses)} on this lattice"
+        return f"{found}, not for {truth.shear_response}"
     return None
 
 
