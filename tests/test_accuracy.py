@@ -31,7 +31,10 @@ KINDS = ("force", "pressure", "overlap")
 MEDIA = ("ala", "afa", "ema")
 LATTICES = ("triangular", "fcc", "hcp")
 every_lattice = pytest.mark.parametrize("lattice", LATTICES)
-RESPONSES = ("slide", "stick", "partial_slip")
+#: those with errors against arrays loaded with friction
+LOADED = ("triangular", "fcc")
+every_loaded = pytest.mark.parametrize("lattice", LOADED)
+RESPONSES = {"triangular": ("slide", "stick", "partial_slip"), "fcc": ("slide", "stick")}
 BENCHMARKS = Path(__file__).parent / "benchmarks"
 
 
@@ -386,31 +389,34 @@ def test_errors_of_two_kinds_are_bounded_where_they_peak(maker, larger, place):
 # -- against arrays loaded with friction ----------------------------------------------------------------------------------
 
 
-def loaded():
+def loaded(lattice="triangular"):
     """The part of arrays loaded with friction."""
-    return accuracy().data["loaded"]["triangular"]
+    return accuracy().data["loaded"][lattice]
 
 
-def errors_of_truth(mu, response):
+def errors_of_truth(mu, response, lattice="triangular"):
     """The errors of the table against one truth."""
     (found,) = (
         one["errors"]
-        for one in loaded()["truths"]
+        for one in loaded(lattice)["truths"]
         if float(one["friction_coefficient"]) == mu and one["shear_response"] == response
     )
     return found
 
 
-def test_the_table_with_friction_is_complete_and_knows_its_script(presser):
-    data, media = loaded(), (*MEDIA, FRICTIONLESS, "simulation")
+@every_loaded
+def test_the_table_with_friction_is_complete_and_knows_its_script(presser, lattice):
+    data, scope, media = loaded(lattice), presser.SCOPES[lattice], (*MEDIA, FRICTIONLESS, "simulation")
+    assert tuple(accuracy().data["loaded"]) == tuple(presser.SCOPES) == LOADED
     assert (BENCHMARKS.parents[1] / data["made_by"]).samefile(presser.__file__)
-    assert data["distributions"] == list(presser.DISTRIBUTIONS)
-    assert data["loads"] == {"force": list(presser.FORCES), "overlap": list(presser.SPACINGS)}
-    assert (data["shape"], data["samples"]) == ([32, 32], presser.SAMPLES)
+    assert data["distributions"] == list(presser.measured_shapes(lattice))
+    assert data["loads"] == {"force": list(scope.forces), "overlap": list(scope.spacings)}
+    shape = even_shape(find_lattice(lattice), scope.side)
+    assert (data["shape"], data["samples"]) == (list(shape), scope.samples)
     ratios = [presser.packing(gp.Uniform(WIDTH), ratio).mindlin_ratio for ratio in presser.POISSON_RATIOS]
     assert data["mindlin_ratios"] == ratios == sorted(ratios)
     assert [(float(one["friction_coefficient"]), one["shear_response"]) for one in data["truths"]] == [
-        (mu, response) for mu in presser.COEFFICIENTS for response in RESPONSES
+        (mu, response) for mu in presser.COEFFICIENTS for response in RESPONSES[lattice]
     ]
     for one in data["truths"]:
         for kinds in one["errors"].values():
@@ -422,35 +428,50 @@ def test_the_table_with_friction_is_complete_and_knows_its_script(presser):
                     assert np.all(np.diff(rows, axis=1) <= 0.0)
 
 
+@every_loaded
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("medium", [*MEDIA, FRICTIONLESS, "simulation"])
-def test_errors_against_a_truth_of_its_own_are_those_of_the_table(kind, medium):
-    table, packing = "overlap" if kind == "overlap" else "force", balls(poisson_ratio=0.0)
-    places = np.array(loaded()["loads"][table][1:-1])
+def test_errors_against_a_truth_of_its_own_are_those_of_the_table(kind, medium, lattice):
+    table, packing = "overlap" if kind == "overlap" else "force", balls(poisson_ratio=0.0, lattice=lattice)
+    places = np.array(loaded(lattice)["loads"][table][1:-1])
     balls_in_it = 1.0 if medium != "simulation" else 900.0
     factor = DEVIATIONS / 30.0 if medium == "simulation" else 1.0
-    for mu, response in ((0.1, "slide"), (0.5, "stick"), (math.inf, "partial_slip")):
-        expected = np.array(errors_of_truth(mu, response)["uniform"][table][medium][-1][1:-1])
+    for mu, response in ((0.1, "slide"), (0.5, "stick"), (math.inf, RESPONSES[lattice][-1])):
+        expected = np.array(errors_of_truth(mu, response, lattice)["uniform"][table][medium][-1][1:-1])
         found = accuracy().error(medium, packing, load(packing, kind, places), balls_in_it, Truth(mu, response))
         assert_allclose(found, factor * expected, rtol=1e-6)
 
 
-@given(st.floats(0.1, 3.0), st.floats(0.036, 9.0), st.sampled_from(RESPONSES), st.sampled_from([*MEDIA, FRICTIONLESS]))
-@example(0.2, 1.0, "slide", "ala")
-@example(0.5, 0.1, "partial_slip", FRICTIONLESS)
-def test_between_friction_coefficients_the_larger_error_counts(mu, place, response, medium):
-    packing, known = balls(poisson_ratio=0.0), [0.1, 0.2, 0.5, math.inf]
-    forces = load(packing, "force", min(loaded()["loads"]["force"][1:-1], key=lambda one: abs(math.log(one / place))))
+@given(
+    st.floats(0.1, 3.0), st.floats(0.036, 9.0), st.sampled_from([*MEDIA, FRICTIONLESS]),
+    st.sampled_from([(lattice, response) for lattice, some in RESPONSES.items() for response in some]),
+)  # fmt: skip
+@example(0.2, 1.0, "ala", ("fcc", "slide"))
+@example(0.5, 0.1, FRICTIONLESS, ("triangular", "partial_slip"))
+def test_between_friction_coefficients_the_larger_error_counts(mu, place, medium, against):
+    lattice, response = against
+    packing, known = balls(poisson_ratio=0.0, lattice=lattice), [0.1, 0.2, 0.5, math.inf]
+    loads = loaded(lattice)["loads"]["force"][1:-1]
+    forces = load(packing, "force", min(loads, key=lambda one: abs(math.log(one / place))))
     beside = [mu] if mu in known else [max(x for x in known if x < mu), min(x for x in known if x > mu)]
     errors = [accuracy().error(medium, packing, forces, truth=Truth(one, response)) for one in beside]
     assert_allclose(accuracy().error(medium, packing, forces, truth=Truth(mu, response)), max(errors), rtol=1e-9)
 
 
-@pytest.mark.parametrize(("response", "power"), [("slide", 4.0 / 3.0), ("stick", 4.0 / 3.0), ("partial_slip", 2.0 / 3.0)])
-def test_above_the_table_errors_fall_as_the_response_does(response, power):
+@pytest.mark.parametrize(
+    ("lattice", "response", "power"),
+    [
+        ("triangular", "slide", 4.0 / 3.0),
+        ("triangular", "stick", 4.0 / 3.0),
+        ("triangular", "partial_slip", 2.0 / 3.0),
+        ("fcc", "slide", 4.0 / 3.0),
+    ],
+)
+def test_above_the_table_errors_fall_as_the_response_does(lattice, response, power):
     """Slipping stiffness is lost in proportion to |T|/f, which is of the first order in the spread over the overlap."""
-    forces = load(balls(), "force", [10.0, 100.0])
-    errors = accuracy().error("ema", balls(), forces, truth=Truth(0.2, response))
+    packing = balls(lattice=lattice)
+    forces = load(packing, "force", [10.0, 100.0])
+    errors = accuracy().error("ema", packing, forces, truth=Truth(0.2, response))
     assert_allclose(errors[0] / errors[1], 10.0**power, rtol=1e-9)
 
 
@@ -459,10 +480,11 @@ def test_above_the_table_errors_fall_as_the_response_does(response, power):
     [
         (balls(), 0.05, "they were measured for friction coefficients from 0.1 on, not for 0.05"),
         (balls(), 0.0, "from 0.1 on, not for 0"),
+        (balls(lattice="fcc"), 0.05, "they were measured for friction coefficients from 0.1 on, not for 0.05"),
         (
-            balls(lattice="fcc"),
+            balls(lattice="hcp"),
             0.2,
-            "on the fcc lattice against arrays loaded with friction; they were on the triangular lattice",
+            "on the hcp lattice against arrays loaded with friction; they were on the triangular and fcc lattices",
         ),
         (balls(friction=False), 0.2, "the balls resist no slip, so that no friction loads them"),
         (balls(poisson_ratio=-0.5), 0.2, "Mindlin ratios from 0.667 to 1, not for 1.2"),
@@ -475,21 +497,34 @@ def test_truths_that_are_not_covered_say_why_and_have_an_infinite_error(packing,
     assert_array_equal(accuracy().error("ema", packing, Load("force", [10.0, 1e4]), truth=Truth(mu)), [np.inf, np.inf])
 
 
-def test_below_the_start_of_the_loading_errors_against_it_are_not_known():
-    least = accuracy().least(balls(), "force", Truth(0.2))
-    assert least == loaded()["loads"]["force"][0] > accuracy().least(balls(), "force")
-    found = accuracy().error("ema", balls(), load(balls(), "force", [0.99 * least, 1.01 * least]), truth=Truth(0.2))
+def test_a_response_that_was_not_measured_on_a_lattice_says_which_were():
+    packing, truth = balls(lattice="fcc"), Truth(0.2, "partial_slip")
+    told = "they were measured for shear_response slide and stick on this lattice, not for partial_slip"
+    assert accuracy().explain_uncovered(packing, truth) == told
+    assert np.isinf(accuracy().error("ema", packing, Load("force", 10.0), truth=truth))
+    assert accuracy().explain_uncovered(balls(), truth) is None
+
+
+@every_loaded
+def test_below_the_start_of_the_loading_errors_against_it_are_not_known(lattice):
+    packing = balls(lattice=lattice)
+    least = accuracy().least(packing, "force", Truth(0.2))
+    assert least == loaded(lattice)["loads"]["force"][0] > accuracy().least(packing, "force")
+    found = accuracy().error("ema", packing, load(packing, "force", [0.99 * least, 1.01 * least]), truth=Truth(0.2))
     assert_array_equal(np.isinf(found), [True, False])
 
 
-def test_friction_alone_is_what_a_simulation_without_it_lacks():
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [("triangular", (16, 16)), pytest.param("fcc", (6, 6, 6), marks=pytest.mark.exhaustive)]
+)
+def test_friction_alone_is_what_a_simulation_without_it_lacks(maker, lattice, shape):
     """Pairs of the same samples: expected is more than they differ by, and less than five times that."""
-    packing = balls()
+    packing = balls(lattice=lattice)
     forces = load(packing, "force", [0.2, 0.5])
-    options = {"shape": (16, 16), "seed": 3, "samples": 2}
-    rest = observe(gp.DirectSimulation(packing, **options).at(forces))
+    options = {"shape": shape, "seed": 3, "samples": 2}
+    rest = maker.numbers(gp.DirectSimulation(packing, **options).at(forces))
     truth = Truth(0.2, "stick")
-    pressed = observe(gp.DirectSimulation(packing, **options, **truth.options, step_tolerance=1e-3).at(forces))
+    pressed = maker.numbers(gp.DirectSimulation(packing, **options, **truth.options, step_tolerance=1e-3).at(forces))
     apart = np.max(np.abs(rest / pressed - 1.0), axis=1)
     expected = accuracy().error(FRICTIONLESS, packing, forces, truth=truth)
     assert np.all(apart < 1.5 * expected)
@@ -498,21 +533,21 @@ def test_friction_alone_is_what_a_simulation_without_it_lacks():
 
 @pytest.mark.exhaustive
 @pytest.mark.claim("accuracy-with-friction")
-def test_the_script_measures_what_the_table_with_friction_bounds(presser):
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (20, 20)), ("fcc", (6, 6, 6))])
+def test_the_script_measures_what_the_table_with_friction_bounds(presser, lattice, shape):
     """One distribution and friction coefficient, few loads and small samples, anew."""
-    rows = presser.measured(presser.shapes()["uniform"], (0.1, 0.3, 3.0), (20, 20), 4, (0.2,))
+    rows = presser.measured(lattice, presser.shapes()["uniform"], (0.1, 0.3, 3.0), shape, 4, (0.2,))
     for (mu, response, place, kind, name), loads, errors in rows:
-        known = np.array(errors_of_truth(mu, response)["uniform"][kind][name][place])
-        here = np.exp(np.interp(np.log(loads), np.log(loaded()["loads"][kind]), np.log(known)))
+        known = np.array(errors_of_truth(mu, response, lattice)["uniform"][kind][name][place])
+        here = np.exp(np.interp(np.log(loads), np.log(loaded(lattice)["loads"][kind]), np.log(known)))
         assert np.all(errors <= 2.5 * here), (response, place, kind, name)
 
 
 @pytest.mark.exhaustive
 @pytest.mark.claim("accuracy-with-friction-held-back")
-def test_with_friction_the_promise_is_kept_on_what_was_held_back(presser, monkeypatch):
-    monkeypatch.setattr(presser, "HELD_BACK", ("two kinds, 0.3 of them larger",))
-    monkeypatch.setattr(presser, "TRUE_SAMPLES", 3)
-    found = list(presser.trials(3, 2))
+@every_loaded
+def test_with_friction_the_promise_is_kept_on_what_was_held_back(presser, lattice):
+    found = list(presser.trials(lattice, 3, samples=3, loads=2, spreads=["two kinds, 0.3 of them larger"]))
     assert {one.medium for one in found} >= {"ala", "simulation, loaded with friction"}
     assert len(found) >= 60
     assert np.mean([one.realised <= one.promised for one in found]) >= 0.95

@@ -439,18 +439,22 @@ def test_finite_overlap_is_refused(rough):
 HISTORY = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": "stick"}
 
 
+@pytest.mark.parametrize("lattice", ["triangular", "fcc"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit, kind):
+def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit, kind, lattice):
     """Of the same media, the simulation at rest without friction, and the one that is loaded with it."""
-    truth = gp.AutoMedium(rough, **HISTORY).truth
+    packing = replace(rough, lattice=lattice)
+    truth = gp.AutoMedium(packing, **HISTORY).truth
     assert str(truth) == "arrays loaded with friction, mu = 0.2, shear_response stick"
-    loads = {"force": unit, "pressure": 3.0**0.5 / rough.diameter * unit, "overlap": rough.width}[kind]
-    loads = loads * (np.array([0.1, 0.3, 0.8]) if kind == "overlap" else np.array([0.05, 0.3, 2.0]))
-    options = _sort_options(rough, Load(kind, loads), truth)
-    errors = np.array([expected_error(one, rough, Load(kind, loads), truth) for one in options])
+    d = rough.diameter
+    pressure = {"triangular": 3.0**0.5 / d, "fcc": 8.0**0.5 / d**2}[lattice] * unit
+    loads = {"force": unit, "pressure": pressure, "overlap": rough.width}[kind]
+    loads = loads * (np.array([0.1, 0.3, 0.8]) if kind == "overlap" else np.array([0.06, 0.3, 2.0]))
+    options = _sort_options(packing, Load(kind, loads), truth)
+    errors = np.array([expected_error(one, packing, Load(kind, loads), truth) for one in options])
     media = set()
     for tolerance in (0.2, 0.05, 0.01, 2e-3):
-        found = gp.AutoMedium(rough, tolerance, **HISTORY).rungs(kind, loads)
+        found = gp.AutoMedium(packing, tolerance, **HISTORY).rungs(kind, loads)
         media |= {(rung.medium.name, rung.medium.settings.get("friction_history", False)) for rung in found}
         for rung in found:
             assert rung.truth == truth
@@ -486,10 +490,15 @@ def test_the_options_of_a_history_are_read_from_the_truth(rough):
         auto.friction_coefficient = 0.3
 
 
-def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit):
-    state = gp.AutoMedium(rough, 0.1, friction_history=True, friction_coefficient=0.2).at_force(0.05 * unit)
-    own = {"shape": (16, 16), "friction_history": True, "friction_coefficient": 0.2}
-    alone = gp.DirectSimulation(rough, **own).at_force(0.05 * unit)
+@pytest.mark.parametrize(
+    ("lattice", "shape", "place"),
+    [("triangular", (16, 16), 0.05), pytest.param("fcc", (8, 8, 8), 0.06, marks=pytest.mark.exhaustive)],
+)
+def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice, shape, place):
+    packing = replace(rough, lattice=lattice)
+    state = gp.AutoMedium(packing, 0.1, friction_history=True, friction_coefficient=0.2).at_force(place * unit)
+    own = {"shape": shape, "friction_history": True, "friction_coefficient": 0.2}
+    alone = gp.DirectSimulation(packing, **own).at_force(place * unit)
     assert state.chosen
     assert state.valid
     assert_array_equal(state.elastic_tensor, alone.elastic_tensor)
@@ -501,6 +510,10 @@ def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
         auto.rungs("force", 0.1 * unit)
     with pytest.raises(InputError, match=r"They are known from f\* = 0\.035 on"):
         auto.rungs("force", 0.02 * unit)
+    with pytest.raises(InputError, match=r"They are known from f\* = 0\.05 on"):
+        replace(auto, packing=replace(rough, lattice="fcc")).rungs("force", 0.04 * unit)
+    with pytest.raises(InputError, match=r"on the hcp lattice .*; they were on the triangular and fcc lattices"):
+        replace(auto, packing=replace(rough, lattice="hcp")).rungs("force", unit)
     with pytest.raises(InputError, match="friction_coefficient: found -1"):
         replace(auto, friction_coefficient=-1.0)
     with pytest.raises(InputError, match="shear_response"):

@@ -15,9 +15,9 @@ faces and its own diagonal (in hcp in the layers, across them and between).
 
 On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
 
-On the triangular lattice ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against another truth
-(:class:`Truth`): arrays that were loaded with friction. Without a history their simulation is a medium like the others, and
-its error is what friction in the statics does.
+On the triangular lattice and in fcc ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against
+another truth (:class:`Truth`): arrays that were loaded with friction. Without a history their simulation is a medium like
+the others, and its error is what friction in the statics does.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class Accuracy:
         if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
             known = f"skewness up to {most['skewness']:.3g}, excess kurtosis up to {most['kurtosis']:.3g}"
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
-        return _explain_uncovered_truth(part, packing.mindlin_ratio, truth.friction_coefficient)
+        return _explain_uncovered_truth(part, packing.mindlin_ratio, truth)
 
     def least(self, packing: Packing, kind: str, truth: Truth = REST) -> float:
         """Return the least load from which errors are known: a* for the kind "overlap", f* for the others.
@@ -205,8 +205,9 @@ class Accuracy:
         return np.asarray(np.where(place >= loads[0], found, np.inf))
 
 
-def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, mu: float | None) -> str | None:
-    """Return the reason why the part of a lattice does not cover arrays loaded with this mu; None if it does."""
+def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: Truth) -> str | None:
+    """Return the reason why the part of a lattice does not cover arrays loaded with friction; None if it does."""
+    mu = truth.friction_coefficient
     if mu is None:
         return None
     low, high = min(part["mindlin_ratios"]), max(part["mindlin_ratios"])
@@ -218,6 +219,10 @@ def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, mu: float | No
     least = min(float(one["friction_coefficient"]) for one in part["truths"])
     if mu < least:
         return f"they were measured for friction coefficients from {least:g} on, not for {mu:g}"
+    responses = list(dict.fromkeys(one["shear_response"] for one in part["truths"]))
+    if truth.shear_response not in responses:
+        found = f"they were measured for shear_response {' and '.join(responses)} on this lattice"
+        return f"{found}, not for {truth.shear_response}"
     return None
 
 

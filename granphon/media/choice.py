@@ -74,8 +74,9 @@ class AutoMedium(Loaded[ContactState]):
         From ``at_*`` and :meth:`rungs`: a load at which no medium is within the tolerance (the message gives the smallest
         error available); a load below those for which errors are known; a packing for which errors are not known, as on
         another lattice than these (on a line every medium is exact), with torsion or bending, or with too skewed a
-        distribution; with a history on another lattice than the triangular one, for friction coefficients below 0.1, and
-        for balls without friction. From ``at_*``: finite overlap, which a simulation does not offer.
+        distribution; with a history on another lattice than the triangular one and fcc, for partial slip in fcc, for
+        friction coefficients below 0.1, and for balls without friction. From ``at_*``: finite overlap, which a simulation
+        does not offer.
     """
 
     name = "auto"

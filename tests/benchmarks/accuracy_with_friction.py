@@ -1,12 +1,12 @@
 """What the media are worth against arrays that were loaded with friction: the table of ``auto`` with ``friction_history``.
 
-    python tests/benchmarks/accuracy_with_friction.py [--write] [--held-back] [--keep FOLDER]
+    python tests/benchmarks/accuracy_with_friction.py [--write] [--held-back] [--lattice NAME] [--keep FOLDER]
 
-It goes with ``accuracy.py``, and measures the same errors of the same media on the triangular lattice. The truth is another:
-``gp.DirectSimulation(..., friction_history=True)``, loaded with some friction coefficient from rest without friction at a* =
-1/2, with one of the three responses to sound. Besides the media there is the simulation of the same samples at rest without
-friction: its error is what the friction in the statics does. Without an option the script measures the errors again
-(``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases that were held back
+It goes with ``accuracy.py``, and measures the same errors of the same media, on the lattices of :data:`SCOPES`. The truth
+is another: ``gp.DirectSimulation(..., friction_history=True)``, loaded with some friction coefficient from rest without
+friction at a* = 1/2, with one of the three responses to sound. Besides the media there is the simulation of the same samples
+at rest without friction: its error is what the friction in the statics does. Without an option the script measures the
+errors again (``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases that were held back
 (``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution in a folder, to go on from there.
 """
 
@@ -53,14 +53,9 @@ from granphon.media.simulation import SimulatedState
 from granphon.media.sizes_and_times import even_shape
 
 Array = NDArray[np.float64]
-LATTICE = "triangular"
-#: loads of the table, f* and a*; below them is the start of the loading
-FORCES, SPACINGS = three_digits(np.geomspace(0.035, 10.0, 18)), three_digits(np.geomspace(0.55, 5.0, 20))
 #: friction coefficients of the table, and Poisson ratios, which give eta
 COEFFICIENTS, POISSON_RATIOS = (0.1, 0.2, 0.5, math.inf), (0.5, 0.0)
-#: sides of the samples in diameters, and their number; and the same of the truth of cases that are held back
-SIDE, SAMPLES, TRUE_SIDE, TRUE_SAMPLES = 32, 4, 40, 4
-#: distributions of ``accuracy.shapes`` that are measured
+#: distributions of ``accuracy.shapes`` that are measured, unless a lattice leaves them out
 DISTRIBUTIONS = (
     "uniform", "normal, cut at 2", "normal, cut at 6", "two kinds, 0.2 of them larger", "two kinds, 0.5 of them larger",
     "two kinds, 0.8 of them larger", "tail upwards", "tail downwards", "three kinds, 0.2 in the middle",
@@ -73,15 +68,61 @@ FRICTIONLESS = "frictionless"
 Key = tuple[float, str, int, str, str]
 
 
+class Scope(NamedTuple):
+    """What is measured of a lattice.
+
+    Attributes
+    ----------
+    forces, spacings : loads of the table, f* and a*; below them is the start of the loading. At the least force no
+        distribution has a larger a* than the least spacing.
+    left_out : distributions of :data:`DISTRIBUTIONS` that are not measured.
+    responses : responses to sound that are measured.
+    side, samples : of the samples: their sides in diameters, and their number.
+    true_side, true_samples : the same of the truth of cases that are held back.
+    tried : least and greatest f* of these cases.
+    largest : the largest side of a simulation that is tried there: the truth has many times more balls.
+    """
+
+    forces: tuple[float, ...]
+    spacings: tuple[float, ...]
+    left_out: tuple[str, ...]
+    responses: tuple[str, ...]
+    side: int
+    samples: int
+    true_side: int
+    true_samples: int
+    tried: tuple[float, float]
+    largest: int
+
+
+SCOPES = {
+    "triangular": Scope(
+        three_digits(np.geomspace(0.035, 10.0, 18)), three_digits(np.geomspace(0.55, 5.0, 20)),
+        (), SHEAR_RESPONSES, 32, 4, 40, 4, (0.045, 8.0), 32,
+    ),
+    # above f* = 3 errors fall as powers of the load, for which its end is enough. With partial slip, a sample that is loaded
+    # in one go differs from one on a path of loads, in shorter steps, by more than its chance, which in space is small
+    "fcc": Scope(
+        three_digits([*np.geomspace(0.05, 3.0, 10), 10.0]), three_digits([*np.geomspace(0.57, 2.5, 11), 5.0]),
+        ("three kinds, 0.2 in the middle",), ("slide", "stick"), 10, 4, 10, 4, (0.06, 8.0), 8,
+    ),
+}  # fmt: skip
+
+
+def measured_shapes(lattice: str) -> dict[str, Spread]:
+    """Distributions of the table of a lattice."""
+    return {label: shapes()[label] for label in DISTRIBUTIONS if label not in SCOPES[lattice].left_out}
+
+
 class Loaded(Truth):
     """Samples loaded with friction: what :class:`accuracy.Truth` has of samples at rest without."""
 
     def __init__(
-        self, spread: Spread, poisson_ratio: float, mu: float, forces: Sequence[float], shape: tuple[int, ...], seed: int,
-        samples: int,
+        self, lattice: str, spread: Spread, poisson_ratio: float, mu: float, forces: Sequence[float], shape: tuple[int, ...],
+        seed: int, samples: int,
     ) -> None:  # fmt: skip
-        self.lattice, self.spread, self.forces = LATTICE, spread, np.array(forces)
-        self.balls = packing(spread, poisson_ratio)
+        self.lattice, self.spread, self.forces = lattice, spread, np.array(forces)
+        self.balls = packing(spread, poisson_ratio, lattice)
         self.simulation = gp.DirectSimulation(
             self.balls, shape, seed, samples, friction_history=True, friction_coefficient=mu
         )
@@ -90,9 +131,11 @@ class Loaded(Truth):
 
     def respond(self, response: str) -> None:
         """Take another response to sound, of the same samples under the same forces."""
-        simulation = replace(self.simulation, shear_response=response)
+        if response == self.simulation.shear_response:
+            return
+        self.simulation = replace(self.simulation, shear_response=response)
         taken = tuple(PressedSample(self.balls, one.seed, one.equilibrium, response) for one in self.pressed)
-        self.state = SimulatedState.of(simulation, taken, Load("force", self.forces * unit(self.balls)))
+        self.state = SimulatedState.of(self.simulation, taken, Load("force", self.forces * unit(self.balls)))
 
     def state_of(self, poisson_ratio: float | None) -> SimulatedState:
         """The statics depend on eta: there are those of one."""
@@ -100,18 +143,23 @@ class Loaded(Truth):
 
 
 def measured(
-    spread: Spread, forces: Sequence[float], shape: tuple[int, ...], samples: int, coefficients: Sequence[float]
+    lattice: str,
+    spread: Spread,
+    forces: Sequence[float],
+    shape: tuple[int, ...],
+    samples: int,
+    coefficients: Sequence[float],
 ) -> Iterator[tuple[Key, Array, Array]]:
     """Loads (f* or a*) and largest errors there (or chance times root of balls), as ``accuracy.measured``."""
     for place, ratio in enumerate(POISSON_RATIOS):
-        balls = packing(spread, ratio)
+        balls = packing(spread, ratio, lattice)
         rest = gp.DirectSimulation(balls, shape, 10_000, samples)
         at_force = rest.at_force(np.array(forces) * unit(balls))
         for mu in coefficients:
-            truth = Loaded(spread, ratio, mu, forces, shape, 10_000, samples)
+            truth = Loaded(lattice, spread, ratio, mu, forces, shape, 10_000, samples)
             # the same samples at the spacing that they have with friction
             still = {"force": at_force, "overlap": rest.at_overlap(truth.state.overlap)}
-            for response in SHEAR_RESPONSES:
+            for response in SCOPES[lattice].responses:
                 truth.respond(response)
                 chances, right = truth.of(ratio)
                 mine = squares(truth.state)
@@ -130,24 +178,26 @@ def measured(
                     yield (mu, response, place, kind, "simulation"), loads, chance_of_ball
 
 
-def measure_all(keep: Path | None) -> dict[str, list[tuple[Key, Array, Array]]]:
-    """Measure each distribution, or take what was kept of it."""
-    shape, found = even_shape(find_lattice(LATTICE), SIDE), {}
-    for label in DISTRIBUTIONS:
-        file = keep / f"{label}.pickle" if keep else None
+def measure_all(lattice: str, keep: Path | None) -> dict[str, list[tuple[Key, Array, Array]]]:
+    """Measure each distribution on a lattice, or take what was kept of it."""
+    scope, found = SCOPES[lattice], {}
+    shape = even_shape(find_lattice(lattice), scope.side)
+    for label, spread in measured_shapes(lattice).items():
+        file = keep / f"{lattice}, {label}.pickle" if keep else None
         if file is not None and file.is_file():
             found[label] = pickle.loads(file.read_bytes())
             continue
-        found[label] = list(measured(shapes()[label], FORCES, shape, SAMPLES, COEFFICIENTS))
+        found[label] = list(measured(lattice, spread, scope.forces, shape, scope.samples, COEFFICIENTS))
         if file is not None:
             file.write_bytes(pickle.dumps(found[label]))
-        print(label, "measured", file=sys.stderr, flush=True)
+        print(lattice, label, "measured", file=sys.stderr, flush=True)
     return found
 
 
-def table(found: Mapping[str, list[tuple[Key, Array, Array]]]) -> dict[str, Any]:
-    """The part of the data: for each friction coefficient and response, errors as in a part of ``accuracy.table``."""
-    places = {"force": np.array(FORCES), "overlap": np.array(SPACINGS)}
+def table(lattice: str, found: Mapping[str, list[tuple[Key, Array, Array]]]) -> dict[str, Any]:
+    """The part of a lattice: for each friction coefficient and response, errors as in a part of ``accuracy.table``."""
+    scope = SCOPES[lattice]
+    places = {"force": np.array(scope.forces), "overlap": np.array(scope.spacings)}
     # the same order of media as without friction, with the simulation of the truth last
     names = (*MEDIA, FRICTIONLESS, "simulation")
 
@@ -165,8 +215,8 @@ def table(found: Mapping[str, list[tuple[Key, Array, Array]]]) -> dict[str, Any]
     forms = np.abs([compute_form_coefficients(shapes()[label].shape) for label in found]).max(axis=0)
     return {
         "made_by": "tests/benchmarks/accuracy_with_friction.py",
-        "shape": even_shape(find_lattice(LATTICE), SIDE),
-        "samples": SAMPLES,
+        "shape": even_shape(find_lattice(lattice), scope.side),
+        "samples": scope.samples,
         "distributions": list(found),
         "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
         "mindlin_ratios": [packing(gp.Uniform(2e-6), ratio).mindlin_ratio for ratio in POISSON_RATIOS],
@@ -179,7 +229,7 @@ def table(found: Mapping[str, list[tuple[Key, Array, Array]]]) -> dict[str, Any]
                 "errors": {family: collect(mu, response, family) for family in FAMILIES},
             }
             for mu in COEFFICIENTS
-            for response in SHEAR_RESPONSES
+            for response in scope.responses
         ],
     }
 
@@ -195,26 +245,28 @@ class Trial(NamedTuple):
     realised: float
 
 
-def trials(seed: int, loads: int) -> Iterator[Trial]:
-    """Random Poisson ratios, friction coefficients, responses and loads, for each distribution that is held back.
+def trials(lattice: str, seed: int, samples: int, loads: int, spreads: Sequence[str]) -> Iterator[Trial]:
+    """Random Poisson ratios, friction coefficients, responses and loads, for each of the distributions that were held back.
 
     Seeds, Poisson ratios and friction coefficients are others than those of the table. Width and modulus scale the units.
+    Truths are ``samples`` samples of the size that the scope of the lattice has.
     """
-    draw = np.random.default_rng(seed)
-    shape = even_shape(find_lattice(LATTICE), TRUE_SIDE)
-    for label in HELD_BACK:
+    draw, scope = np.random.default_rng(seed), SCOPES[lattice]
+    shape, (least, greatest) = even_shape(find_lattice(lattice), scope.true_side), scope.tried
+    for label in spreads:
         spread = other_shapes()[label]
         for low, high in ((0.1, 0.2), (0.2, 0.5), (0.5, 2.0)):
             ratio, mu = float(draw.uniform(0.0, 0.5)), float(draw.uniform(low, high))
-            forces = np.sort(np.exp(draw.uniform(math.log(0.045), math.log(8.0), loads))).tolist()
-            truth = Loaded(spread, ratio, mu, forces, shape, 20_000, TRUE_SAMPLES)
-            for response in SHEAR_RESPONSES:
+            forces = np.sort(np.exp(draw.uniform(math.log(least), math.log(greatest), loads))).tolist()
+            truth = Loaded(lattice, spread, ratio, mu, forces, shape, 20_000, samples)
+            for response in scope.responses:
                 truth.respond(response)
                 yield from try_tolerances(truth, numbers(truth.state), mu, response)
 
 
 def try_tolerances(truth: Loaded, right: Array, mu: float, response: str) -> Iterator[Trial]:
-    balls = truth.balls
+    """Try what ``auto`` takes at each load of a truth, whose numbers are ``right``, for each tolerance."""
+    balls, largest = truth.balls, even_shape(find_lattice(truth.lattice), SCOPES[truth.lattice].largest)
     options = {"friction_history": True, "friction_coefficient": mu, "shear_response": response}
     for kind in ("force", "overlap"):
         given, tried = load_of(kind, truth, balls), {}
@@ -225,7 +277,7 @@ def try_tolerances(truth: Loaded, right: Array, mu: float, response: str) -> Ite
                 except gp.GranphonError:
                     continue
                 medium = rung.medium.of(balls)
-                if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > SIDE:
+                if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
                     continue  # the truth has not enough more balls to judge it
                 if (index, rung.medium) not in tried:
                     found = numbers(getattr(medium, f"at_{kind}")(float(given[index])))
@@ -235,10 +287,12 @@ def try_tolerances(truth: Loaded, right: Array, mu: float, response: str) -> Ite
                 yield Trial(name, float(rung.errors[0]), tried[index, rung.medium])
 
 
-def held_back(loads: int = 4) -> None:
+def held_back(lattice: str, loads: int = 4) -> None:
     """Print how often the promise was kept."""
-    found = list(trials(1, loads))
-    print("| chosen | cases | error within the expected one | median of error over expected |\n|---|---|---|---|")
+    found = list(trials(lattice, 1, SCOPES[lattice].true_samples, loads, HELD_BACK))
+    print(
+        f"| chosen ({lattice}) | cases | error within the expected one | median of error over expected |\n|---|---|---|---|"
+    )
     for medium in (*MEDIA, "simulation", "simulation, loaded with friction", None):
         some = [one for one in found if medium in (None, one.medium)]
         if some:
@@ -251,16 +305,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="What the media are worth against arrays loaded with friction")
     parser.add_argument("--write", action="store_true", help="write the table into the package")
     parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
+    parser.add_argument("--lattice", choices=tuple(SCOPES), help="one lattice alone")
     parser.add_argument("--keep", type=Path, help="folder to keep what was measured of each distribution")
     options = parser.parse_args(argv)
-    if not options.held_back:
-        made = table(measure_all(options.keep))
-        if options.write:
-            data = json.loads(DATA.read_text(encoding="utf-8"))
-            DATA.write_text(text({**data, "loaded": {LATTICE: made}}), encoding="utf-8")
-        else:
-            print(text({"loaded": {LATTICE: made}}))
-    held_back()
+    data = json.loads(DATA.read_text(encoding="utf-8"))
+    for lattice in [options.lattice] if options.lattice else SCOPES:
+        if not options.held_back:
+            made = table(lattice, measure_all(lattice, options.keep))
+            data["loaded"][lattice] = made
+            if options.write:
+                DATA.write_text(text(data), encoding="utf-8")
+            else:
+                print(text({"loaded": {lattice: made}}))
+        held_back(lattice)
     return 0
 
 
