@@ -16,12 +16,14 @@ from scipy.optimize import root
 from test_stencils import Explicit, cartesian
 
 import granphon as gp
-from granphon.array import coupling, friction, gas, load_step
+from granphon.array import coupling, friction, gas, linear_step, load_step
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import LatticeGeometry, multiply
 from granphon.array.history import LoadingHistory
+from granphon.array.linear_step import LinearSteps
+from granphon.array.patches import Patches
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import integrate_last
 from granphon.array.residuals import solve_by_minimal_residuals
@@ -506,7 +508,8 @@ def begin_step(mu, side=8):
     paths = history((side, side), mu, seed=1)
     here = run(paths, ramp(0.5, 0.7, steps=3))[-1]
     place = paths._geometry.place(here.balls, here.overlap)
-    return load_step.LoadStep(paths._geometry, paths._law, here, place, Prescribed(overlap=here.overlap)), here
+    load = Prescribed(overlap=here.overlap)
+    return load_step.LoadStep(paths._geometry, paths._law, here, place, load, paths._patches), here
 
 
 @settings(max_examples=50)
@@ -573,16 +576,15 @@ def test_balls_that_fall_are_moved_by_a_limited_step():
     np.testing.assert_array_equal(short, way)
 
 
-def test_a_step_with_factors_comes_to_the_same_state(monkeypatch):
-    loads, made = ramp(0.5, 0.6, steps=2), []
-    expected = run(history((8, 8), 0.3, seed=1), loads)[-1]
-    choose = load_step.Preconditioners.choose
-    monkeypatch.setattr(load_step, "_WASTE", 0)
-    monkeypatch.setattr(
-        load_step.Preconditioners, "choose", lambda self, *args: (made.append(args[1]), choose(self, *args))[1]
-    )
-    found = run(history((8, 8), 0.3, seed=1), loads)[-1]
-    assert made[0]
+def test_steps_with_patches_come_to_the_same_state(monkeypatch):
+    loads, sizes = ramp(0.5, 0.6, steps=2), []
+    monkeypatch.setattr(linear_step, "_FEW", 300)  # never
+    expected = run(history((12, 12), 0.3, seed=1), loads)[-1]
+    invert = Patches.invert
+    monkeypatch.setattr(linear_step, "_FEW", 3)
+    monkeypatch.setattr(Patches, "invert", lambda self, *args: (sizes.append(args[0].size), invert(self, *args))[1])
+    found = run(history((12, 12), 0.3, seed=1), loads)[-1]
+    assert len(sizes) > 2
     assert found.krylov < expected.krylov
     np.testing.assert_allclose(found.contacts.forces, expected.contacts.forces, rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(found.contacts.shears, expected.contacts.shears, rtol=0.0, atol=1e-8)
@@ -593,8 +595,7 @@ def test_the_preconditioner_is_exact_for_equal_contacts_and_near_for_others(latt
     """Among others it is nearer to the inverse than the sum of its two parts is."""
     shape = (6, 6) if lattice.periods == 2 else (4, 4, 4)
     stencils = Stencils(shape, ETA, lattice=lattice)
-    step = load_step.LoadStep.__new__(load_step.LoadStep)
-    step._stencils, step._factorised, step._drag = stencils, False, 0.0
+    steps = LinearSteps(Patches(stencils), damped=False)
     draw = np.random.default_rng(1)
     slips = (stencils.n_rows // stencils.n_contacts - 1, stencils.n_contacts, *shape)
 
@@ -602,7 +603,7 @@ def test_the_preconditioner_is_exact_for_equal_contacts_and_near_for_others(latt
         k = 1.0 + spread * draw.uniform(-1.0, 1.0, (stencils.n_contacts, *shape))
         tangent = Tangent(k, ETA * k, np.zeros(slips), np.zeros(slips))
         product = multiply(stencils, tangent)
-        inverse = step._invert(tangent, False)
+        inverse = steps.invert(tangent, product)
         both = stencils.preconditioner(stencils.weights(k).astype(np.float32))
         force = product(draw.normal(size=(stencils.n_fields, *shape)).astype(np.float32), 0.0)[0]
         lefts = [force - product(one(force), 0.0)[0] for one in (inverse, both)]

@@ -1,9 +1,9 @@
 """The linear equations of a step of Newton's method, with the tangent of the law of friction.
 
-The tangent C^T D C is not symmetric where contacts slide, or where the shear stiffness changes with the overlap. GMRES solves
-the equations in single precision. The preconditioner moves each ball as if its neighbours were held, and then all by Green's
-function of the lattice under what that leaves. Balls that hold each other while nothing else holds them are found by what GMRES
-leaves on them, and are then moved together (:mod:`granphon.array.patches`).
+The tangent C^T D C is not symmetric where contacts slide, or where the shear stiffness changes with the overlap. GMRES
+solves the equations in single precision. The preconditioner moves each ball as if its neighbours were held, and then all by
+Green's function of the lattice under what that leaves. Balls that hold each other while nothing else holds them are found by
+what GMRES leaves on them, and are then moved together (:mod:`granphon.array.patches`).
 """
 
 from __future__ import annotations

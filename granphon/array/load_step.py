@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.geometry import Geometry, Place
 from granphon.array.linear_step import LinearSteps
 from granphon.array.patches import Patches

@@ -28,7 +28,7 @@ Put = Callable[[Array, Array], None]
 #: part of the square of a residual that the balls which are added to a patch hold; and the most that are added at a time, as
 #: a part of the array, or as a number
 _HELD, _MOST_PART, _MOST = 0.9, 1.0 / 32.0, 48
-#: part of the array, on a line, in a plane and in space, from which a patch is the whole array
+#: part of the array from which a patch is the whole array, if that is not too large
 _WHOLE = 0.4
 #: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods: factors of more cost more than
 #: the iterations that they save
@@ -43,10 +43,8 @@ class Patches:
     def __init__(self, stencils: Stencils) -> None:
         self.stencils = stencils
         self._fields, self._cells = stencils.motions.count, math.prod(stencils.shape)
-        self._balls, self._largest = (
-            stencils.n_balls * self._cells,
-            _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts,
-        )
+        self._balls = stencils.n_balls * self._cells
+        self._largest = _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts
 
     @cached_property
     def _ends(self) -> Indices:
@@ -85,9 +83,10 @@ class Patches:
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
     def join(self, balls: Indices, more: Indices) -> Indices:
-        """Return the balls of a patch and more, or all balls if there are many; ``balls`` alone if they would be too many."""
+        """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if it would be too large."""
         joined = np.union1d(balls, more)
-        joined = np.arange(self._balls) if joined.size > _WHOLE * self._balls else joined
+        if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
+            return np.arange(self._balls)
         return joined if joined.size <= self._largest else balls
 
     def _find_contacts(self, balls: Indices) -> Indices:
@@ -108,12 +107,13 @@ class Patches:
         place, n = np.full(self._balls, -1), contacts.size
         place[balls] = np.arange(balls.size)
         c = self._cut(contacts, place, balls.size)
-        stiffness, (springs, coupling, cross) = tangent.stiffness.reshape(-1)[contacts], (
-            one.reshape(len(one), tangent.stiffness.size)[:, contacts] for one in (tangent.springs, tangent.coupling, tangent.cross)
-        )  # fmt: skip
+        stiffness, springs, coupling, cross = (
+            one.reshape(-1, tangent.stiffness.size)[:, contacts]
+            for one in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
+        )
         elongation = np.arange(n)
         slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
-        entries = [(stiffness, elongation, elongation), *zip(springs, slips, slips, strict=True)]
+        entries = [(stiffness[0], elongation, elongation), *zip(springs, slips, slips, strict=True)]
         entries += [(-one, slip, elongation) for one, slip in zip(coupling, slips, strict=True)]
         entries += [(-one, *pair) for one in cross for pair in (slips, slips[::-1])]
         values, rows, columns = (np.concatenate(one) for one in zip(*entries, strict=True))

@@ -1,0 +1,141 @@
+"""Few balls that are moved together: their matrix by a dense one, and the equations of a step with weakly held balls."""
+
+import math
+
+import numpy as np
+import pytest
+
+from granphon.array import linear_step, patches
+from granphon.array.friction import Tangent
+from granphon.array.geometry import LatticeGeometry, multiply
+from granphon.array.linear_step import LinearSteps
+from granphon.array.patches import Patches
+from granphon.array.stencils import Motion, Stencils
+from granphon.balls.lattices import FCC, HONEYCOMB, TRIANGULAR
+
+ETA = 0.8
+
+
+def draw_tangent(stencils, seed=0):
+    """The tangent of contacts of which some slide, and whose tangential forces follow their overlaps."""
+    draw = np.random.default_rng(seed)
+    contacts = (stencils.n_contacts, *stencils.shape)
+    slips = (stencils.n_rows // stencils.n_contacts - 1, *contacts)
+    stiffness = draw.uniform(0.5, 1.5, contacts)
+    way = draw.normal(size=slips)
+    sliding = way / np.linalg.norm(way, axis=0) * (draw.random(contacts) < 0.3)
+    return Tangent(stiffness, ETA * stiffness, 0.2 * draw.normal(size=slips), sliding)
+
+
+def find_matrix(stencils, tangent):
+    """C^T D C as a dense matrix, ball after ball: rows and columns are (balls, cells, fields), column by column."""
+    place = LatticeGeometry(stencils, np.zeros(stencils.ball_shape)).place(
+        np.zeros((stencils.n_fields, *stencils.shape)), 1.0
+    )
+    columns = []
+    for unit in np.eye(stencils.n_fields * math.prod(stencils.shape)):
+        motion = Motion(unit.reshape(stencils.n_fields, *stencils.shape), 0.0)
+        columns.append(place.respond(motion, tangent.apply, None, None)[0].ravel())
+    by_field = (stencils.n_balls, stencils.motions.count, math.prod(stencils.shape))
+    order = np.arange(len(columns)).reshape(by_field).swapaxes(1, 2).ravel()
+    return np.transpose(columns)[np.ix_(order, order)]
+
+
+@pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, FCC])
+def test_balls_of_a_patch_move_as_if_all_others_were_held(lattice):
+    shape = (4, 5) if lattice.periods == 2 else (2, 3, 2)
+    stencils = Stencils(shape, ETA, lattice=lattice)
+    tangent = draw_tangent(stencils)
+    draw, fields, cells = np.random.default_rng(1), stencils.motions.count, math.prod(shape)
+    chosen = np.sort(draw.choice(stencils.n_balls * cells, 5, replace=False))
+    put = Patches(stencils).invert(chosen, tangent)
+    force = draw.normal(size=(stencils.n_fields, *shape)).astype(np.float32)
+    motion = np.full_like(force, 7.0)
+    put(force, motion)
+    force, motion = (
+        np.moveaxis(one.reshape(stencils.n_balls, fields, cells), 1, 2).reshape(-1, fields) for one in (force, motion)
+    )
+    own = (fields * chosen[:, None] + np.arange(fields)).ravel()
+    matrix = find_matrix(stencils, tangent)[np.ix_(own, own)]
+    assert np.max(np.abs(matrix - matrix.T)) > 0.01  # it is not symmetric
+    expected = np.linalg.solve(matrix + patches._HOLDING * np.eye(len(own)), force[chosen].ravel())
+    np.testing.assert_allclose(motion[chosen].ravel(), expected, rtol=0.0, atol=1e-5 * np.max(np.abs(expected)))
+    others = np.setdiff1d(np.arange(len(motion)), chosen)
+    np.testing.assert_array_equal(motion[others], 7.0)
+
+
+def test_the_worst_balls_come_with_their_neighbours():
+    stencils = Stencils((12, 12), ETA)
+    forces = np.full((3, 12, 12), 1e-3)
+    forces[1, 2, 3], forces[2, 0, 11] = 1.0, -0.8
+    found = np.zeros((12, 12), bool)
+    found.ravel()[Patches(stencils).find_worst(forces)] = True
+    expected = np.zeros((12, 12), bool)
+    expected[2, 3] = expected[0, 11] = True
+    # a contact has an end there if the sum over its two balls is above zero; its balls are the worst and their neighbours
+    touched = stencils.average_pairs(expected.astype(float)) > 0.0
+    np.testing.assert_array_equal(found, stencils.around(touched.astype(float)) > 0.0)
+    assert np.count_nonzero(found) == 14
+
+
+def test_a_patch_grows_to_the_whole_array_but_not_beyond_its_limit(monkeypatch):
+    small = Patches(Stencils((8, 8), ETA))
+    first, more = np.array([3, 5]), np.arange(4, 9)
+    np.testing.assert_array_equal(small.join(first, more), np.arange(3, 9))
+    np.testing.assert_array_equal(small.join(first, np.arange(30)), np.arange(64))
+    monkeypatch.setattr(patches, "_LARGEST", (30, 30, 30))  # contacts: 10 balls
+    small = Patches(Stencils((8, 8), ETA))
+    np.testing.assert_array_equal(small.join(first, more), np.arange(3, 9))
+    np.testing.assert_array_equal(small.join(first, np.arange(30)), first)
+    assert small.find_worst(np.ones((3, 8, 8))).size <= 10
+
+
+def weaken(stencils, factor):
+    """A tangent in which two balls hold each other, and the rest of the array holds them by a small part of that."""
+    pair = np.zeros(stencils.shape)
+    pair[4, 4] = pair[5, 4] = 1.0
+    stiffness = np.random.default_rng(2).uniform(0.8, 1.2, (stencils.n_contacts, *stencils.shape))
+    stiffness *= np.where(stencils.average_pairs(pair) == 0.5, factor, 1.0)
+    still = np.zeros((1, *stiffness.shape))
+    return Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], still)
+
+
+@pytest.mark.parametrize("push", [None, 30.0])
+def test_weakly_held_balls_cost_few_iterations(push, monkeypatch):
+    stencils = Stencils((32, 32), ETA)
+    tangent = weaken(stencils, 1e-4)
+    product = multiply(stencils, tangent)
+    draw = np.random.default_rng(3)
+    pull = draw.normal(size=(3, 32, 32))
+    pull -= np.mean(pull, axis=(1, 2), keepdims=True)
+
+    def solve():
+        steps = LinearSteps(Patches(stencils), damped=False)
+        way, taken = steps.solve(product, tangent, pull, push, 1e-5)
+        back, force = product(way.balls.astype(np.float32), None if push is None else way.compression)
+        left = np.hypot(np.linalg.norm(back - pull), 0.0 if push is None else force - push)
+        assert left <= 3e-5 * np.hypot(np.linalg.norm(pull), push or 0.0)  # vectors are in single precision
+        return taken, steps._weak
+
+    taken, weak = solve()
+    assert {4 * 32 + 4, 5 * 32 + 4} <= set(weak.tolist())
+    assert weak.size < 40
+    monkeypatch.setattr(linear_step, "_FEW", 300)
+    without, none = solve()
+    assert none.size == 0
+    assert taken < 0.75 * without
+
+
+def test_a_matrix_without_inverse_leaves_the_equations_to_the_iterations(monkeypatch):
+    stencils = Stencils((6, 6), ETA)
+    tangent = draw_tangent(stencils)
+    monkeypatch.setattr(patches, "_HOLDING", 0.0)
+    none = Tangent(*(np.zeros_like(one) for one in (tangent.stiffness, tangent.shear, tangent.coupling, tangent.sliding)))
+    assert Patches(stencils).invert(np.arange(4), none) is None
+    monkeypatch.setattr(linear_step, "_FEW", 2)
+    monkeypatch.setattr(Patches, "invert", lambda *args: None)
+    pull = np.random.default_rng(4).normal(size=(3, 6, 6))
+    pull -= np.mean(pull, axis=(1, 2), keepdims=True)
+    product = multiply(stencils, tangent)
+    way, _ = LinearSteps(Patches(stencils), damped=False).solve(product, tangent, pull, None, 1e-4)
+    assert np.linalg.norm(product(way.balls.astype(np.float32), None)[0] - pull) < 2e-4 * np.linalg.norm(pull)
