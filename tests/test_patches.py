@@ -103,7 +103,7 @@ def weaken(stencils, factor):
 @pytest.mark.parametrize("push", [None, 30.0])
 def test_weakly_held_balls_cost_few_iterations(push, monkeypatch):
     stencils = Stencils((32, 32), ETA)
-    tangent = weaken(stencils, 1e-4)
+    tangent = weaken(stencils, 1e-3)
     product = multiply(stencils, tangent)
     draw = np.random.default_rng(3)
     pull = draw.normal(size=(3, 32, 32))
@@ -111,10 +111,10 @@ def test_weakly_held_balls_cost_few_iterations(push, monkeypatch):
 
     def solve():
         steps = LinearSteps(Patches(stencils), damped=False)
-        way, taken = steps.solve(product, tangent, pull, push, 1e-5)
+        way, taken = steps.solve(product, tangent, pull, push, 1e-4)
         back, force = product(way.balls.astype(np.float32), None if push is None else way.compression)
         left = np.hypot(np.linalg.norm(back - pull), 0.0 if push is None else force - push)
-        assert left <= 3e-5 * np.hypot(np.linalg.norm(pull), push or 0.0)  # vectors are in single precision
+        assert left <= 1.1e-4 * np.hypot(np.linalg.norm(pull), push or 0.0)  # vectors are in single precision
         return taken, steps._weak
 
     taken, weak = solve()
