@@ -579,11 +579,11 @@ def test_balls_that_fall_are_moved_by_a_limited_step():
 def test_steps_with_patches_come_to_the_same_state(monkeypatch):
     loads, sizes = ramp(0.5, 0.6, steps=2), []
     monkeypatch.setattr(linear_step, "_FEW", 300)  # never
-    expected = run(history((12, 12), 0.3, seed=1), loads)[-1]
+    expected = run(history((8, 8), 0.3, seed=1), loads)[-1]
     invert = Patches.invert
     monkeypatch.setattr(linear_step, "_FEW", 3)
     monkeypatch.setattr(Patches, "invert", lambda self, *args: (sizes.append(args[0].size), invert(self, *args))[1])
-    found = run(history((12, 12), 0.3, seed=1), loads)[-1]
+    found = run(history((8, 8), 0.3, seed=1), loads)[-1]
     assert len(sizes) > 2
     assert found.krylov < expected.krylov
     np.testing.assert_allclose(found.contacts.forces, expected.contacts.forces, rtol=0.0, atol=1e-8)

@@ -90,38 +90,43 @@ def test_a_patch_grows_to_the_whole_array_but_not_beyond_its_limit(monkeypatch):
     assert small.find_worst(np.ones((3, 8, 8))).size <= 10
 
 
-def weaken(stencils, factor):
-    """A tangent in which two balls hold each other, and the rest of the array holds them by a small part of that."""
-    pair = np.zeros(stencils.shape)
-    pair[4, 4] = pair[5, 4] = 1.0
-    stiffness = np.random.default_rng(2).uniform(0.8, 1.2, (stencils.n_contacts, *stencils.shape))
-    stiffness *= np.where(stencils.average_pairs(pair) == 0.5, factor, 1.0)
-    still = np.zeros((1, *stiffness.shape))
-    return Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], still)
+#: balls that hold the next one, while the rest of the array hardly holds the two
+PAIRS = {(4, 4): 3e-2, (12, 20): 1e-2, (25, 9): 5e-3, (20, 28): 2e-3, (9, 14): 1e-3}
+
+
+def weaken(stencils):
+    """A tangent in which pairs of balls are held by a small part of what the two hold each other by."""
+    draw = np.random.default_rng(2)
+    stiffness = draw.uniform(0.8, 1.2, (stencils.n_contacts, *stencils.shape))
+    for (row, column), factor in PAIRS.items():
+        pair = np.zeros(stencils.shape)
+        pair[row : row + 2, column] = 1.0
+        stiffness *= np.where(stencils.average_pairs(pair) == 0.5, factor * draw.uniform(0.5, 2.0, stiffness.shape), 1.0)
+    return Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], np.zeros((1, *stiffness.shape)))
 
 
 @pytest.mark.parametrize("push", [None, 30.0])
-def test_weakly_held_balls_cost_few_iterations(push, monkeypatch):
+def test_weakly_held_balls_are_found_and_save_iterations(push, monkeypatch):
     stencils = Stencils((32, 32), ETA)
-    tangent = weaken(stencils, 1e-3)
+    tangent = weaken(stencils)
     product = multiply(stencils, tangent)
-    draw = np.random.default_rng(3)
-    pull = draw.normal(size=(3, 32, 32))
+    pull = np.random.default_rng(3).normal(size=(3, 32, 32))
     pull -= np.mean(pull, axis=(1, 2), keepdims=True)
 
-    def solve():
+    def solve(few):
+        monkeypatch.setattr(linear_step, "_FEW", few)
         steps = LinearSteps(Patches(stencils), damped=False)
-        way, taken = steps.solve(product, tangent, pull, push, 1e-4)
+        way, taken = steps.solve(product, tangent, pull, push, 1e-3)
         back, force = product(way.balls.astype(np.float32), None if push is None else way.compression)
         left = np.hypot(np.linalg.norm(back - pull), 0.0 if push is None else force - push)
-        assert left <= 1.1e-4 * np.hypot(np.linalg.norm(pull), push or 0.0)  # vectors are in single precision
+        assert left <= 1.1e-3 * np.hypot(np.linalg.norm(pull), push or 0.0)  # vectors are in single precision
         return taken, steps._weak
 
-    taken, weak = solve()
-    assert {4 * 32 + 4, 5 * 32 + 4} <= set(weak.tolist())
-    assert weak.size < 40
-    monkeypatch.setattr(linear_step, "_FEW", 300)
-    without, none = solve()
+    taken, weak = solve(10)
+    weakest = [at for at, factor in PAIRS.items() if factor <= 5e-3]
+    assert {32 * (row + one) + column for row, column in weakest for one in (0, 1)} <= set(weak.tolist())
+    assert weak.size < 150
+    without, none = solve(300)
     assert none.size == 0
     assert taken < 0.75 * without
 
