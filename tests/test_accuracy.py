@@ -531,6 +531,22 @@ def test_friction_alone_is_what_a_simulation_without_it_lacks(maker, lattice, sh
     assert np.all(expected < 5.0 * apart)
 
 
+@every_loaded
+def test_the_documentation_has_the_errors_of_the_table(lattice):
+    text = (Path(__file__).parents[1] / "docs" / "how-to" / "tradeoff.md").read_text("utf-8")
+    text = text.split({"triangular": "On the triangular lattice:", "fcc": "In fcc:"}[lattice])[1]
+    _, head, _, *lines = text[: text.index("\n\n", text.index("| arrays |"))].split("\n")[-14:]
+    steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6), lattice=lattice)
+    forces = load(packing, "force", [float(cell.split("=")[-1]) for cell in head.split("|")[3:-1]])
+    truths = (Truth(), Truth(0.2, "stick"), Truth(0.1, "slide"))
+    rows = [(truth, name) for truth in truths for name in ("ala", "afa", "ema", *[FRICTIONLESS] * truth.is_loaded)]
+    assert len(rows) == len(lines)
+    for (truth, name), line in zip(rows, lines, strict=True):
+        told = [float(cell) for cell in line.split("|")[3:-1]]
+        assert_allclose(told, 100.0 * accuracy().error(name, packing, forces, truth=truth), rtol=0.05, atol=0.0051)
+
+
 @pytest.mark.exhaustive
 @pytest.mark.claim("accuracy-with-friction")
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (20, 20)), ("fcc", (6, 6, 6))])

@@ -118,11 +118,10 @@ class Patches:
         entries += [(-one, *pair) for one in cross for pair in (slips, slips[::-1])]
         values, rows, columns = (np.concatenate(one) for one in zip(*entries, strict=True))
         d = coo_array((values, (rows, columns)), shape=(c.shape[0], c.shape[0])).tocsr()
-        # its transpose: rows of a matrix are the columns of that
-        matrix: Any = (c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")).T
+        matrix = c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")
         try:
             factors = splu(
-                matrix.astype(np.float32),
+                matrix.tocsc().astype(np.float32),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,  # the matrix is nearly symmetric
                 relax=1,
@@ -134,7 +133,7 @@ class Patches:
         shape = self.stencils.n_balls, self._fields, self._cells
 
         def put(force: Array, motion: Array) -> None:
-            found = factors.solve(force.reshape(shape)[at].ravel(), "T")
+            found = factors.solve(force.reshape(shape)[at].ravel())
             motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
 
         return put
