@@ -288,7 +288,7 @@ def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():
     load = Load("overlap", 0.2 * WIDTH)
     times = [estimate(pressed(mu), load).work for mu in (np.inf, 0.5, 0.2, 0.1, 0.05, 0.02)]
     assert np.all(np.diff(times) > 0.0)
-    assert times[-1] > 30.0 * times[0]
+    assert times[-1] > 8.0 * times[0]
     assert estimate(pressed(0.0), load).work == times[0]  # no contact ever sticks
     usual = times[2]
     assert estimate(pressed(0.2, step_tolerance=1e-5), load).work > 2.0 * usual

@@ -17,6 +17,7 @@ from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
 from granphon.array.response import elasticity
+from granphon.array.pressing import BALANCE_TOLERANCE
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.array.true_geometry import ExactGeometry
@@ -657,7 +658,7 @@ def test_paths_tend_to_those_of_the_lattice(mu):
         *_, state = history(shape, mu, ratio, start=start).path(loads)
         parts = state.contacts.forces - limit.contacts.forces, state.contacts.shears - limit.contacts.shears
         changes.append(max(float(np.max(np.abs(part))) for part in parts))
-    assert changes[0] < 1e-13
+    assert changes[0] < 1e-3 * BALANCE_TOLERANCE  # the same equations, whose products are rounded in another order
     assert changes[1] / changes[2] == pytest.approx(2.0, rel=0.02)
 
 

@@ -24,16 +24,16 @@ _STEPS_TOLERANCE = 1e-4
 #: longest way in a* from one load to the next that counts
 _MOST_WAY = 0.5
 #: iterations of GMRES in a step of an array of one ball without a limit on T
-_ITERATIONS = 1.6
+_ITERATIONS = 6.0
 #: their power of the number of balls
-_ITERATIONS_POWER = 0.36
-#: what Coulomb's limit adds to them, as a part of 1/mu^2, in an array of :data:`_SLIDING_BALLS`
-_SLIDING = 0.03
+_ITERATIONS_POWER = 0.2
+#: what Coulomb's limit adds to them, as a part of 1/mu^(3/2), in an array of :data:`_SLIDING_BALLS`
+_SLIDING = 0.035
 _SLIDING_BALLS = 1024.0
 #: its power of the number of balls
 _SLIDING_POWER = 0.35
 #: time of an iteration for each ball of a large array
-_ITERATION_TIME = 0.07
+_ITERATION_TIME = 0.05
 #: number of balls of an array in which it is twice as long
 _FEW_BALLS = 2300.0
 #: the same in the exact geometry, over that on the lattice
@@ -59,7 +59,7 @@ def count_iterations(balls: int, friction_coefficient: float) -> float:
     sliding = 0.0
     if 0.0 < friction_coefficient < math.inf:
         held = max(friction_coefficient, _LEAST_FRICTION)
-        sliding = _SLIDING * (balls / _SLIDING_BALLS) ** _SLIDING_POWER / held / held
+        sliding = _SLIDING * (balls / _SLIDING_BALLS) ** _SLIDING_POWER / held**1.5
     return float(_ITERATIONS * balls**_ITERATIONS_POWER * (1.0 + sliding))
 
 
