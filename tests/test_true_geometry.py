@@ -16,8 +16,8 @@ import granphon as gp
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
-from granphon.array.response import elasticity
 from granphon.array.pressing import BALANCE_TOLERANCE
+from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.array.true_geometry import ExactGeometry

@@ -59,7 +59,7 @@ def count_iterations(balls: int, friction_coefficient: float) -> float:
     sliding = 0.0
     if 0.0 < friction_coefficient < math.inf:
         held = max(friction_coefficient, _LEAST_FRICTION)
-        sliding = _SLIDING * (balls / _SLIDING_BALLS) ** _SLIDING_POWER / held**1.5
+        sliding = _SLIDING * (balls / _SLIDING_BALLS) ** _SLIDING_POWER / held / math.sqrt(held)
     return float(_ITERATIONS * balls**_ITERATIONS_POWER * (1.0 + sliding))
 
 
