@@ -29,7 +29,7 @@ from granphon.array.pressing import integrate_last
 from granphon.array.residuals import solve_by_minimal_residuals
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR
+from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear
 
@@ -614,9 +614,13 @@ def test_the_preconditioner_is_exact_for_equal_contacts_and_near_for_others(latt
     assert near < 0.7 * sum_of_both
 
 
+# a kagome lattice whose balls are taken from different cells: contacts lead far along both axes, either way
+APART = Lattice("apart", KAGOME.cell, ((0.5, 0.0), (1.0, 1.5), (0.5, 0.5)))
+
+
 @pytest.mark.parametrize("part", [2**20, 500])
 @pytest.mark.parametrize("shape", [(4, 5, 6), (2, 1, 3)])
-@pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, KAGOME, SC, BCC, FCC, DIAMOND])
+@pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, KAGOME, APART, SC, BCC, FCC, DIAMOND])
 def test_products_of_matrices_give_what_is_found_row_by_row(monkeypatch, lattice, shape, part):
     """In whole and in parts, where steps lead one way or both, and where margins are wider than the array."""
     monkeypatch.setattr(coupling, "_CACHED", part)

@@ -37,9 +37,12 @@ class Coupling:
     def __init__(self, rows: Sequence[ArrayRow], shape: Sequence[int], contacts: int, fields: int) -> None:
         shifts = [row.shift for row in rows[:contacts]]
         both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
-        steps = [Rooms(shape, both_ways).offset(shift) for shift in shifts]
-        if min(steps) < 0 < max(steps):  # a contact that begins in the margin and leads away has a far end too
-            both_ways = [(2 * first, *rest) for first, *rest in both_ways]
+        rooms = Rooms(shape, both_ways)
+        steps = [rooms.offset(shift) for shift in shifts]
+        # the parts of all kinds of contacts are alike: one that begins in the margin and leads away has a far end too
+        reach = max(0, *steps) - min(0, *steps) - rooms.offset((0, *rooms.below[1:]))
+        layers = -(-reach // rooms.offset((1, *(0,) * (len(shape) - 1))))
+        both_ways += [(sign * layers, *(0,) * (len(shape) - 1)) for sign in (1, -1)]
         self.rooms = Rooms(shape, both_ways)
         self.steps = [self.rooms.offset(shift) for shift in shifts]
         head, tail = stack_coefficients(rows, fields)
@@ -206,7 +209,7 @@ def multiply_columns(matrix: Single, columns: Single, out: Single) -> None:
 
     Its threads wait for each other, and their number changes the last digit.
     """
-    step = _ONE_THREAD // matrix.size
+    step = max(1, _ONE_THREAD // matrix.size)
     if columns.shape[1] <= step:
         np.matmul(matrix, columns, out=out)
         return
