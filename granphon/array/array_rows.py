@@ -6,6 +6,7 @@ are plain differences; see :mod:`granphon.array.stencils`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from granphon.dynamics.rows import Row
 
-__all__ = ["ArrayRow", "find_basis", "make_rows", "stack_coefficients"]
+__all__ = ["ArrayRow", "find_basis", "make_rows", "number_cells", "stack_coefficients"]
 
 Array = NDArray[np.float64]
 #: least sine of the angle between a normal and those before it, for displacements to be projected on it
@@ -69,6 +70,12 @@ def stack_coefficients(rows: Sequence[ArrayRow], fields: int) -> Array:
             for field, factor in getattr(row, name):
                 line[field] = factor
     return found
+
+
+def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
+    """Return (shifts, cells) numbers of the cells that are each shift away from each cell of a periodic array."""
+    cells = np.arange(math.prod(shape)).reshape(shape)
+    return np.stack([np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts])
 
 
 def _orthonormal(vectors: list[Array]) -> list[Array]:

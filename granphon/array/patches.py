@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.array_rows import number_cells
 from granphon.array.friction import Tangent
 from granphon.array.stencils import Stencils
 
@@ -49,13 +50,9 @@ class Patches:
     @cached_property
     def _ends(self) -> Indices:
         """(2, contacts) balls j and i of each contact."""
-        site, axes = np.arange(self._cells).reshape(self.stencils.shape), tuple(range(len(self.stencils.shape)))
-        pairs = zip(self.stencils.ends, self.stencils.shifts, strict=True)
-        both = [
-            (j * self._cells + np.roll(site, [-n for n in shift], axes).ravel(), i * self._cells + site.ravel())
-            for (i, j), shift in pairs
-        ]
-        return np.concatenate(both, axis=1)
+        i, j = (self._cells * ball[:, None] for ball in np.transpose(self.stencils.ends))
+        far = number_cells(self.stencils.shape, self.stencils.shifts)
+        return np.array([j + far, i + np.arange(self._cells)]).reshape(2, -1)
 
     @cached_property
     def _by_ball(self) -> tuple[Indices, Indices]:

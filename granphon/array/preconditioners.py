@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.array_rows import number_cells
 from granphon.array.stencils import Stencils
 
 __all__ = ["MOST_BALLS", "Preconditioners", "factorise_contacts"]
@@ -80,10 +81,9 @@ class Preconditioners:
         return self.are_small and float(np.mean(normal > _STIFF * np.mean(normal))) <= self._most_stiff
 
     def _factorise(self, stiffness: Array) -> Inverse:
-        shape, rows = self._stencils.shape, self._stencils.rows
-        site = np.arange(math.prod(shape)).reshape(shape)
-        j = np.stack([np.roll(site, [-n for n in row.shift], range(site.ndim)).ravel() for row in rows])
-        i = np.broadcast_to(site.ravel(), j.shape)
+        rows = self._stencils.rows
+        j = number_cells(self._stencils.shape, [row.shift for row in rows])
+        i = np.broadcast_to(np.arange(j.shape[1]), j.shape)
         head, tail = self._stencils.coefficients
         return factorise_contacts(i, j, head, tail, stiffness.reshape(len(rows), -1))
 
