@@ -24,7 +24,7 @@ _STEPS_TOLERANCE = 1e-4
 #: longest way in a* from one load to the next that counts
 _MOST_WAY = 0.5
 #: iterations of GMRES in a step of an array of one ball without a limit on T
-_ITERATIONS = 6.0
+_ITERATIONS = 8.0
 #: their power of the number of balls
 _ITERATIONS_POWER = 0.2
 #: what Coulomb's limit adds to them, as a part of 1/mu^(3/2), in an array of :data:`_SLIDING_BALLS`
@@ -33,7 +33,7 @@ _SLIDING_BALLS = 1024.0
 #: its power of the number of balls
 _SLIDING_POWER = 0.35
 #: time of an iteration for each ball of a large array
-_ITERATION_TIME = 0.05
+_ITERATION_TIME = 0.07
 #: number of balls of an array in which it is twice as long
 _FEW_BALLS = 2300.0
 #: the same in the exact geometry, over that on the lattice
