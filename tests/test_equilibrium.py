@@ -18,6 +18,7 @@ from test_stencils import Explicit
 
 import granphon as gp
 from granphon.array import equilibrium as module
+from granphon.array import linear_response
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.distributions import UniformShape
@@ -446,7 +447,7 @@ def test_what_is_reached_is_said(monkeypatch):
 
 def test_response_that_is_not_found_is_said(monkeypatch):
     state = equilibrate(balls((16, 16)), Prescribed(overlap=0.0))
-    monkeypatch.setattr(module, "_RESPONSE_STEPS", 1)
+    monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 1)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 

@@ -10,9 +10,11 @@ from test_equilibrium import balls, by_lstsq, close_forces, newton, residual
 from test_stencils import ETA, Explicit
 
 from granphon.array import equilibrium as module
-from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
-from granphon.array.equilibrium import Prescribed, equilibrate, find_linear_response
+from granphon.array import linear_response
+from granphon.array.conjugate_gradients import solve_by_conjugate_gradients, solve_by_descent
+from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.interior import centre, split
+from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners, factorise_contacts
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC
@@ -206,7 +208,7 @@ def test_linear_response_where_half_of_the_contacts_are_open(eta):
     assert np.mean(normal > 0.0) < 0.6
     stiffness = stencils.weights(normal)
     tensions = [stiffness * a for a in np.random.default_rng(0).normal(size=(2, *stiffness.shape))]
-    found = find_linear_response(stencils, stiffness, tensions)
+    found = find_linear_response(stencils, stiffness, tensions, 1e-7)
     explicit = Explicit((12, 11), eta)
     c, k = explicit.dense(), stiffness.ravel()
     matrix, strain = c.T @ (k[:, None] * c), [stencils.deformations(Motion(one, 0.0)) for one in found]
@@ -214,6 +216,27 @@ def test_linear_response_where_half_of_the_contacts_are_open(eta):
         expected = c @ np.linalg.lstsq(matrix, c.T @ tension.ravel(), rcond=1e-12)[0]
         # what contacts without stiffness do is not unique
         np.testing.assert_allclose((stiffness * one).ravel(), k * expected, rtol=0.0, atol=1e-5 * abs(k * expected).max())
+
+
+@pytest.mark.parametrize("overlap", [0.4, -0.12])
+def test_linear_response_is_the_same_where_single_precision_does_not_serve(monkeypatch, overlap):
+    state = equilibrate(balls((12, 11), 4), Prescribed(overlap=overlap))
+    stencils = Stencils((12, 11), ETA)
+    stiffness = stencils.weights(state.stiffnesses)
+    tension = stiffness * np.random.default_rng(0).normal(size=stiffness.shape)
+    found = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
+    monkeypatch.setattr(linear_response, "_STALLED", 0.0)
+    solved = []
+
+    def solve(apply, precondition, right, *arguments):
+        solved.append(right.dtype)
+        return solve_by_descent(apply, precondition, right, *arguments)
+
+    monkeypatch.setattr(linear_response, "solve_by_descent", solve)
+    double = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
+    assert solved == [np.dtype(float)]
+    one, other = (stencils.deformations(Motion(motion, 0.0)) for motion in (found, double))
+    assert np.sum(stiffness * (one - other) ** 2) <= 1e-14 * np.sum(stiffness * one**2)
 
 
 # -- the choice ---------------------------------------------------------------------------------------------------------

@@ -129,7 +129,8 @@ class CoupledProduct:
 
     D has the ``stiffness`` (contacts, L1, ..., Lp) of contacts, that of their slips ``springs``, and ``turning``, the
     tangential forces, with the sign turned, that follow from a loss of overlap, both (slips, contacts, L1, ..., Lp).
-    ``cross`` (1, contacts, L1, ..., Lp) couples two slips, with the sign turned too; it is empty in a plane.
+    ``cross`` (1, contacts, L1, ..., Lp) couples two slips, with the sign turned too; it is empty in a plane. Where springs
+    do not couple, ``turning`` is empty too, and there may be springs of more deformations than slips.
     """
 
     def __init__(self, coupling: Coupling, stiffness: Array, springs: Array, turning: Array, cross: Array) -> None:
@@ -191,17 +192,24 @@ class CoupledProduct:
                 np.subtract(head, tail, out=tail)
             if press:
                 np.subtract(part.loss, np.float32(press), out=part.loss)
-            change = part.turning * part.loss
-            if len(part.cross):
-                change += part.cross * part.slips[::-1]
+            change = self._couple(part) if len(part.turning) else None
             np.multiply(part.rows, part.stiffness, out=part.rows)
-            np.subtract(part.slips, change, out=part.slips)
+            if change is not None:
+                np.subtract(part.slips, change, out=part.slips)
             for to, tail in part.gathered:
                 to[...] = tail
             multiply_columns(self._join, part.joined, part.forces)
             if press is not None:
                 total -= float(np.sum(part.own * part.inside))
         return self._out[rooms.inner].copy(), total
+
+    @staticmethod
+    def _couple(part: _Part) -> Single:
+        """Return the tangential forces, with the sign turned, that do not follow from a slip along them."""
+        change: Single = part.turning * part.loss
+        if len(part.cross):
+            change += part.cross * part.slips[::-1]
+        return change
 
 
 def multiply_columns(matrix: Single, columns: Single, out: Single) -> None:

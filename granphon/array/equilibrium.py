@@ -17,7 +17,6 @@ changes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -28,16 +27,17 @@ from numpy.typing import NDArray
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.interior import approach
+from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.stencils import Motion, Stencils
 from granphon.array.steps import Prescribed, Waypoint, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 
 __all__ = [
-    "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "equilibrate", "find_linear_response",
-    "array_shape", "explain_too_small", "find_uniform_part",
+    "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "array_shape", "equilibrate",
+    "explain_too_small", "find_uniform_part",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -55,10 +55,6 @@ _CLOSED_ON_SITES = 0.45
 _MOST_INTERIOR = 1.5e-2
 #: f* below which an equilibrium at given force is started from the equilibrium at ten times the force, by Newton's method
 _DIRECT_FORCE = 1e-4
-#: largest number of conjugate-gradient steps for a linear response
-_RESPONSE_STEPS = 60_000
-#: fraction of a tension that rounding may leave unbalanced
-_NOISE = 1e-14
 #: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
 #: many contacts are open the others do not make a solid, and without it the step would be unbounded
 _ADDED_STIFFNESS = 1e-2
@@ -74,9 +70,8 @@ _SPOILT_LENGTH = 0.3
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
 #: practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
-#: relative residual of linear responses: the relative error of a stiffness is its square times the condition number of the
-#: array
-_RESPONSE = 1e-7
+#: relative error of the linear response: that of the stiffness is its square, that of its slope of the same order
+_RESPONSE = 1e-8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,7 +183,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
-        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - find_uniform_part(stiffness)])
+        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - find_uniform_part(stiffness)], _RESPONSE)
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -330,21 +325,3 @@ def _centre(balls: Array, stencils: Stencils) -> Array:
     fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
     means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
     return np.asarray((fields - means).reshape(balls.shape))
-
-
-def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array]) -> list[Array]:
-    """Return the motions u (fields, L1, ..., Lp) that solve C^T K C u = C^T t for each of the ``tensions`` t of contacts.
-
-    ``stiffness`` and tensions are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tensions must
-    be zero too. Raises :class:`ConvergenceError` if conjugate gradients do not converge.
-    """
-    inverse = Preconditioners(stencils).choose(stiffness, hard=True)
-    # a tension that is in balance except for rounding moves nothing
-    noise = _NOISE**2 / float(np.mean(stiffness[: stencils.n_contacts]))
-    return [
-        solve_by_conjugate_gradients(
-            stencils, stiffness, Motion(stencils.forces(tension), 0.0), inverse, _RESPONSE,
-            most=_RESPONSE_STEPS, floor=noise * dot(tension, tension),
-        )[0].balls
-        for tension in tensions
-    ]  # fmt: skip

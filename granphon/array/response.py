@@ -10,13 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import Equilibrium, find_linear_response, find_uniform_part
+from granphon.array.equilibrium import Equilibrium, find_uniform_part
+from granphon.array.linear_response import find_linear_response
 from granphon.array.stencils import Stencils, dot
 from granphon.dynamics.long_waves import voigt_pairs
 
 __all__ = ["elasticity"]
 
 Array = NDArray[np.float64]
+#: relative error of linear responses; it enters squared, over the part of an affine strain's energy that is stored
+_RESPONSE = 1e-7
 
 
 def _strain_contacts(stencils: Stencils) -> Array:
@@ -52,7 +55,7 @@ def elasticity(state: Equilibrium, shear: ArrayLike, torsion: ArrayLike = 0.0, b
     # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
     even = find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
     means = stencils.weights(np.full((stencils.n_contacts, *(1,) * len(stencils.shape)), even))
-    motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine))
+    motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine), _RESPONSE)
     own.forget()  # many samples may be kept, each with a large Green's function
     measure = state.lattice.measure * np.prod(stencils.shape)
     tensor = np.zeros((len(affine), len(affine)))

@@ -1,0 +1,90 @@
+"""Linear response of an array at rest: the small motions of balls by which they follow tensions of their contacts.
+
+Conjugate gradients solve C^T K C u = C^T t. In single precision an iteration takes half of the time; what its solution
+leaves is found in double precision, and solved for again. Where that does not come nearer, as close to the rigidity
+threshold, the iteration itself goes on in double precision.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.conjugate_gradients import solve_by_descent
+from granphon.array.coupling import CoupledProduct
+from granphon.array.preconditioners import Preconditioners
+from granphon.array.residuals import Single
+from granphon.array.stencils import Motion, Stencils, dot
+from granphon.base.errors import ConvergenceError, message
+
+__all__ = ["find_linear_response"]
+
+Array = NDArray[np.float64]
+#: largest number of iterations for a linear response
+_MOST_ITERATIONS = 60_000
+#: the least reduction that is asked of single precision at a time
+_SINGLE = 1e-4
+#: part of the energy of what was left before, from which single precision comes no nearer
+_STALLED = 1e-2
+#: fraction of a tension that rounding may leave unbalanced
+_NOISE = 1e-14
+
+
+def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array], reduction: float) -> list[Array]:
+    """Return the motions u (fields, L1, ..., Lp) that solve C^T K C u = C^T t for each of the ``tensions`` t of contacts.
+
+    ``stiffness`` and tensions are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tensions must
+    be zero too. The error of u in the energy norm is about ``reduction`` times u. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if conjugate gradients do not converge.
+    """
+    scale = float(np.mean(stiffness[: stencils.n_contacts]))
+    response = _Response(stencils, stiffness / scale)
+    return [response.follow(tension / scale, reduction) for tension in tensions]
+
+
+class _Response:
+    """The equations of an array whose contacts have these ``springs``, of mean one along normals."""
+
+    def __init__(self, stencils: Stencils, springs: Array) -> None:
+        self._stencils, self._springs = stencils, springs
+        self._inverse = Preconditioners(stencils).choose(springs.astype(np.float32), hard=True)
+        n = stencils.n_contacts
+        slips = springs[n:].reshape(-1, n, *stencils.shape)
+        self._product = CoupledProduct(stencils.coupling, springs[:n], slips, slips[:0], slips[:0])
+
+    def follow(self, tension: Array, reduction: float) -> Array:
+        """Return the motions by which balls follow a tension; see :func:`find_linear_response`."""
+        rest = self._stencils.forces(tension)
+        found, taken, before = np.zeros_like(rest), 0, math.inf
+        left = dot(rest, self._precondition(rest))
+        # a tension that is in balance except for rounding moves nothing
+        aim = max(reduction**2 * left, _NOISE**2 * dot(tension, tension))
+        while aim < left < _STALLED * before:
+            ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
+            change, count, _ = solve_by_descent(self._multiply, self._precondition, given, ahead, _MOST_ITERATIONS - taken)
+            found, taken = found + change, taken + count
+            rest = self._stencils.forces(tension - self._springs * self._deform(found))
+            before, left = left, dot(rest, self._precondition(rest))
+        if left > aim:
+            ahead, most = math.sqrt(aim / left), _MOST_ITERATIONS - taken
+            change, count, _ = solve_by_descent(self._multiply_exactly, self._precondition, rest, ahead, most)
+            if count == most:
+                what = f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps"
+                raise ConvergenceError(message(what, mend="Raise the load"))
+            found += change
+        return found
+
+    def _deform(self, balls: Array) -> Array:
+        return self._stencils.deformations(Motion(balls, 0.0))
+
+    def _multiply(self, balls: Single) -> Single:
+        return self._product(balls, None)[0]
+
+    def _multiply_exactly(self, balls: Array) -> Array:
+        return self._stencils.forces(self._springs * self._deform(balls))
+
+    def _precondition(self, force: Single) -> Single:
+        return self._inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
