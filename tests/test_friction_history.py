@@ -719,6 +719,15 @@ def test_the_honeycomb_stands_with_friction_alone():
 
 
 @pytest.mark.exhaustive
+def test_balls_that_are_squeezed_out_do_not_end_a_path():
+    packing = gp.Packing(gp.Material(70e9, 0.0, 2500.0), 8e-3, spread=gp.Uniform(2e-6), lattice="hcp")
+    simulation = gp.DirectSimulation(packing, (10, 10, 6), 10_003, friction_history=True, friction_coefficient=0.1)
+    (pressed,) = simulation.at_force(0.05 * packing.law.coefficient * packing.width**1.5).samples
+    assert pressed.equilibrium.steps == 2
+    assert pressed.residual <= 1e-9
+
+
+@pytest.mark.exhaustive
 @pytest.mark.claim("friction-gas")
 @pytest.mark.parametrize(("lattice", "shape"), OTHERS)
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
@@ -748,7 +757,7 @@ def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, nam
     states = history((6, 6), 0.2).path([Prescribed(overlap=0.05), load])
     assert next(states).overlap == 0.05
     monkeypatch.setattr(load_step, "_NEWTON_STEPS", 0)
-    monkeypatch.setattr(load_step, "_LAGS", 0)
+    monkeypatch.setattr(load_step, "_PATIENT", load_step.Lags(0, 0, 0.0, 1))
     monkeypatch.setattr(module, "_MOST_HALVINGS", 1)
     with pytest.raises(ConvergenceError, match=name) as caught:
         next(states)

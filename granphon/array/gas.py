@@ -52,7 +52,7 @@ def press_gas(history: LoadingHistory) -> PressedArray:
     means = history.stencils.average_pairs(history.deviations)
     sites = np.zeros((history.stencils.n_balls * len(history.stencils.shape), *history.stencils.shape))
     here = history.place(sites, -float(np.max(means)))
-    damped = replace(history, start=None, drag=DRAG)
+    damped = replace(history, drag=DRAG)
     while here.overlap < _MOST_OVERLAP:
         here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
         if here.force >= STANDING_FORCE:

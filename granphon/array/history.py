@@ -238,7 +238,8 @@ class LoadingHistory:
         while ahead:
             here = trail[-1]
             step = LoadStep(self._geometry, self._law, here, self._locate(here), ahead[-1], self._patches, self.drag)
-            trial = step.solve(*self._extrapolate(trail, ahead[-1]))
+            # where friction alone holds balls, shorter steps of the load help sooner
+            trial = step.solve(*self._extrapolate(trail, ahead[-1]), patient=self.start != GAS)
             failed += trial.newton
             if is_balanced(trial):
                 trail = [*trail[-2:], self._arrive(trail, trial)]
@@ -258,7 +259,8 @@ class LoadingHistory:
 
     def _explain(self, load: Prescribed, why: str) -> ConvergenceError:
         what = f"the loading with friction has not reached {self._name(load)}"
-        return ConvergenceError(message(what, why[0].upper() + why[1:], "End the path before this load"))
+        mend = "End the path before this load, or start at a higher load"
+        return ConvergenceError(message(what, why[0].upper() + why[1:], mend))
 
     # -- one step ---------------------------------------------------------------------------------------------------
 

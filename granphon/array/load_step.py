@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +32,18 @@ _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
 #: fall by half for it to go on
 _NEWTON_STEPS, _PATIENCE = 120, 15
-#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
-#: of the residual that is left before
-_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
+#: the latter where the limits of sliding have just been found anew
+_SHORT_PATIENCE = 5
 #: friction coefficient below which contacts are made soft against slip at first; by how much they then become stiffer at a
 #: time; the part of it that may be left of balance then; and the largest number of steps of Newton's method for each
 _SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
 #: largest number of times that they become stiffer: smaller numbers lose digits
 _MOST_STAGES = 300
-#: number of steps of Newton's method after which no new limits are found
-_MOST_STEPS = 600
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
 #: distance from balance
 _LOOSEST, _FORCING = 0.1, 0.3
+#: residual under the law as it is, over that from which Newton's method was tried last, below which it is tried again
+_NEARER = 0.5
 #: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
 #: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
 _LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
@@ -65,6 +64,29 @@ _FALLEN = 1e-6
 _FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
 _LOOSE = 1e-2
+
+
+class Lags(NamedTuple):
+    """How the limits of sliding are found anew.
+
+    Attributes
+    ----------
+    most : largest number of times.
+    steps : number of steps of Newton's method after which they no longer are.
+    left : part of the residual that is left with given limits before they are found anew.
+    often : number of times after which Newton's method is tried with the law as it is, even where the residual under it is
+        more than half of that from which it was tried last.
+    """
+
+    most: int
+    steps: int
+    left: float
+    often: int
+
+
+#: without patience, and with it: a ball that is squeezed out from between others has a long way to go, on which the limits
+#: change little at a time
+_HASTY, _PATIENT = Lags(30, 600, 1e-2, 1), Lags(80, 900, 1e-4, 8)
 
 
 class LoadStep:
@@ -90,24 +112,28 @@ class LoadStep:
         # dashpots hold balls whose contacts all slide
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
-    def solve(self, balls: Array, overlap: float) -> Trial:
+    def solve(self, balls: Array, overlap: float, patient: bool = False) -> Trial:
         """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
 
         Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
         to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
         which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
+        ``patient`` takes more time for it.
         """
         near = self._stiffen(self._try(balls, overlap))
         trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
         if not is_balanced(trial) and self._slides:
-            lagged = trial.follow(near)
-            for _ in range(_LAGS):
-                if lagged.left == math.inf or lagged.newton > near.newton + _MOST_STEPS:
+            lags, lagged, tried = _PATIENT if patient else _HASTY, trial.follow(near), math.inf
+            for lag in range(1, lags.most + 1):
+                if lagged.left == math.inf or lagged.newton > near.newton + lags.steps:
                     break
                 guess = lagged.contacts.overlaps
                 lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
-                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess)
+                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, part=lags.left)
                 trial = lagged.follow(self._try(lagged.balls, lagged.overlap))
+                if trial.size > _NEARER * tried and lag % lags.often:
+                    continue
+                tried = trial.size
                 trial = self._iterate(trial, _NEWTON_STEPS, _SHORT_PATIENCE)
                 if is_balanced(trial):
                     break
@@ -137,18 +163,17 @@ class LoadStep:
         return trial.follow(self._try(trial.balls, trial.overlap))
 
     def _iterate(
-        self, trial: Trial, most: int, patience: int, guess: Array | None = None, enough: float | None = None
+        self, trial: Trial, most: int, patience: int, guess: Array | None = None, enough: float = 0.0, part: float = 0.0
     ) -> Trial:
         """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual.
 
-        It ends where no more than ``enough`` is left of balance, or with a ``guess`` a part of what was left.
+        It ends where no more than ``enough`` is left of balance, or a ``part`` of what was left.
         """
-        before, hold, slow = math.inf, 1.0, False
-        aim = 0.0 if guess is None or enough is not None else _LAG_REDUCTION * trial.size
+        before, hold, slow, aim = math.inf, 1.0, False, part * trial.size
         for count in range(most):
             if is_balanced(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
                 break
-            if enough is not None and max(trial.left, trial.missed) <= enough:
+            if max(trial.left, trial.missed) <= enough:
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * before:
