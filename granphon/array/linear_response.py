@@ -40,13 +40,12 @@ def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterabl
     be zero too. The error of u in the energy norm is about ``reduction`` times u. Raises
     :class:`~granphon.base.errors.ConvergenceError` if conjugate gradients do not converge.
     """
-    scale = float(np.mean(stiffness[: stencils.n_contacts]))
-    response = _Response(stencils, stiffness / scale)
-    return [response.follow(tension / scale, reduction) for tension in tensions]
+    response = _Response(stencils, stiffness)
+    return [response.follow(tension, reduction) for tension in tensions]
 
 
 class _Response:
-    """The equations of an array whose contacts have these ``springs``, of mean one along normals."""
+    """The equations of an array whose contacts have these ``springs``."""
 
     def __init__(self, stencils: Stencils, springs: Array) -> None:
         self._stencils, self._springs = stencils, springs
@@ -61,7 +60,8 @@ class _Response:
         found, taken, before = np.zeros_like(rest), 0, math.inf
         left = dot(rest, self._precondition(rest))
         # a tension that is in balance except for rounding moves nothing
-        aim = max(reduction**2 * left, _NOISE**2 * dot(tension, tension))
+        noise = _NOISE**2 / float(np.mean(self._springs[: self._stencils.n_contacts]))
+        aim = max(reduction**2 * left, noise * dot(tension, tension))
         while aim < left < _STALLED * before:
             ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
             change, count, _ = solve_by_descent(self._multiply, self._precondition, given, ahead, _MOST_ITERATIONS - taken)

@@ -52,7 +52,7 @@ _PYTHON_BYTES = 80e6
 #: lattice's Green's function
 _BALL_BYTES = {1: 210.0, 2: 300.0, 3: 470.0}
 #: bytes for each ball while a linear response with rotations is worked on, besides the same
-_ROTATING_BALL_BYTES = {2: 260.0, 3: 260.0}
+_ROTATING_BALL_BYTES = {2: 300.0, 3: 400.0}
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
 _GREEN_BYTES = 50.0
 #: f* below which contacts are factorised
