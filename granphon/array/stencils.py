@@ -95,8 +95,7 @@ class Stencils:
         other = copy(self)
         other._found = {}
         other.forget()
-        for name in ("coefficients", "coupling"):
-            vars(other).pop(name, None)
+        vars(other).pop("coefficients", None)
         other._kinds = list(kinds)
         other._rows = self._make_rows(kinds)
         return other
@@ -106,9 +105,10 @@ class Stencils:
         return Stencils, (self.shape, self.mindlin_ratio, self.workers, self.lattice, self.torsion, self.bending)
 
     def forget(self) -> None:
-        """Drop Green's function from memory: it is several times as large as the array, and quickly computed again."""
+        """Drop what is larger than the array and quickly computed again from memory: Green's function, and the coupling."""
         self._found.clear()
-        vars(self).pop("_green", None)
+        for name in ("_green", "coupling"):
+            vars(self).pop(name, None)
 
     @cached_property
     def coefficients(self) -> Array:
