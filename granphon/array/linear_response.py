@@ -48,25 +48,25 @@ class _Response:
     """The equations of an array whose contacts have these ``springs``."""
 
     def __init__(self, stencils: Stencils, springs: Array) -> None:
-        self._stencils, self._springs = stencils, springs
-        self._inverse = Preconditioners(stencils).choose(springs.astype(np.float32), hard=True)
         n = stencils.n_contacts
-        slips = springs[n:].reshape(-1, n, *stencils.shape)
-        self._product = CoupledProduct(stencils.coupling, springs[:n], slips, slips[:0], slips[:0])
+        self._stencils, self._springs, self._mean = stencils, springs, float(np.mean(springs[:n]))
+        single: Single = (springs / self._mean).astype(np.float32)  # which has no numbers below 1e-38
+        self._inverse = Preconditioners(stencils).choose(single, hard=True)
+        slips = single[n:].reshape(-1, n, *stencils.shape)
+        self._product = CoupledProduct(stencils.coupling, single[:n], slips, slips[:0], slips[:0])
 
     def follow(self, tension: Array, reduction: float) -> Array:
         """Return the motions by which balls follow a tension; see :func:`find_linear_response`."""
-        rest = self._stencils.forces(tension)
+        rest = self._pull(tension)
         found, taken, before = np.zeros_like(rest), 0, math.inf
         left = dot(rest, self._precondition(rest))
-        # a tension that is in balance except for rounding moves nothing
-        noise = _NOISE**2 / float(np.mean(self._springs[: self._stencils.n_contacts]))
-        aim = max(reduction**2 * left, noise * dot(tension, tension))
+        # a tension that is in balance except for rounding moves nothing; squares of the smallest ones would vanish
+        aim = max(reduction**2 * left, _NOISE**2 * _square(tension / self._mean))
         while aim < left < _STALLED * before:
             ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
             change, count, _ = solve_by_descent(self._multiply, self._precondition, given, ahead, _MOST_ITERATIONS - taken)
             found, taken = found + change, taken + count
-            rest = self._stencils.forces(tension - self._springs * self._deform(found))
+            rest = self._pull(tension - self._springs * self._deform(found))
             before, left = left, dot(rest, self._precondition(rest))
         if left > aim:
             ahead, most = math.sqrt(aim / left), _MOST_ITERATIONS - taken
@@ -77,6 +77,10 @@ class _Response:
             found += change
         return found
 
+    def _pull(self, tension: Array) -> Array:
+        """Return the forces on balls, over the mean stiffness."""
+        return self._stencils.forces(tension) / self._mean
+
     def _deform(self, balls: Array) -> Array:
         return self._stencils.deformations(Motion(balls, 0.0))
 
@@ -84,7 +88,11 @@ class _Response:
         return self._product(balls, None)[0]
 
     def _multiply_exactly(self, balls: Array) -> Array:
-        return self._stencils.forces(self._springs * self._deform(balls))
+        return self._pull(self._springs * self._deform(balls))
 
     def _precondition(self, force: Single) -> Single:
         return self._inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
+
+
+def _square(vector: Array) -> float:
+    return dot(vector, vector)
