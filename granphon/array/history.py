@@ -175,7 +175,7 @@ class LoadingHistory:
         if self.tolerance == math.inf:
             yield self.step(trail, load)
             return
-        ahead, taken = [(load, self.tolerance, 0)], 0
+        ahead, taken, kept = [(load, self.tolerance, 0)], 0, 0.0
         while ahead:
             load, allowed, halvings = ahead.pop()
             middle, found = self._between(trail[-1], load), []
@@ -183,13 +183,15 @@ class LoadingHistory:
                 # nothing tells yet how the path bends: two halves do
                 found = [self.step(trail, middle)]
             found.append(self.step([*trail, *found], load))
-            change = self._compare([*trail, *found], len(found), load)
+            change = self._compare([*trail, *found], len(found), load) / found[-1].force
+            # where a ball falls, the shortest step keeps a change that is none of the step's
+            falls = halvings == _MOST_HALVINGS and kept + change <= self.tolerance
             # balance to a finite residual leaves f* uncertain
-            if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * found[-1].force:
+            if falls or change <= max(allowed, _NOISE * BALANCE_TOLERANCE):
                 yield from found
-                trail, taken = [*trail, *found][-3:], taken + len(found)
+                trail, taken, kept = [*trail, *found][-3:], taken + len(found), kept + change * falls
             elif halvings == _MOST_HALVINGS:
-                raise self._explain(load, f"halving the step still changes f* by {change / found[-1].force:.2g}")
+                raise self._explain(load, f"halving the step still changes f* by {change:.2g}")
             elif taken + len(ahead) > _MOST_STEPS:
                 raise self._explain(load, f"it takes more than {_MOST_STEPS} steps")
             else:

@@ -324,6 +324,44 @@ def starts(repeats: int) -> list[Row]:
     return rows
 
 
+# -- the length of the steps ---------------------------------------------------------------------------------------------
+
+#: f* of loads that are each reached in one go from the start; tolerances of the steps, and that with which they are compared
+LONE_FORCES, TOLERANCES, FINE = (0.1, 0.3, 1.0), (1e-4, 1e-5), 1e-6
+
+
+def reach(mu: float, seed: int, force: float, tolerance: float) -> tuple[float, Array, int]:
+    """a* at a load reached in one go, (springs, 2) velocities v_L and v_T up to a factor, and the number of steps."""
+    x, stencils = deviations(seed, SMALLER), Stencils(SMALLER, ETA)
+    (state,) = LoadingHistory(x, stencils, mu, tolerance).path([Prescribed(force=force)])
+    pressed, found = PressedEquilibrium.of(state, x, stencils, 0.0).share(x, Stencils(SMALLER)), []
+    for springs in SPRINGS:
+        bulk, shear = bulk_and_shear(elasticity(pressed, pressed.shear_ratios(springs)))
+        found.append((math.sqrt(bulk + shear), math.sqrt(shear)))
+    return state.overlap + 0.5, np.array(found), state.steps
+
+
+def steps(repeats: int) -> list[Row]:
+    """What the steps of the default tolerance, and of a smaller one, leave of error in velocities: the largest of all arrays."""
+    rows = []
+    for mu in (0.1, 0.2, 0.5):
+        for tolerance in TOLERANCES:
+            found = []
+            for force in LONE_FORCES:
+                pairs = [[reach(mu, seed, force, one) for one in (tolerance, FINE)] for seed in range(SAMPLES)]
+                errors = 100.0 * np.array([np.abs(own[1] / fine[1] - 1.0) for own, fine in pairs])
+                spacing = max(abs(own[0] - fine[0]) for own, fine in pairs)
+                found.append((np.max(errors, axis=0), spacing, np.mean([[one[2] for one in pair] for pair in pairs], axis=0)))
+            for at, name in enumerate(SPRINGS):
+                note = "; ".join(f"{errors[at][0]:.2f}, {errors[at][1]:.2f}" for errors, _, _ in found)
+                worst = max(float(np.max(errors[at])) for errors, _, _ in found)
+                rows.append(Row(f"mu = {mu:g}, steps to {tolerance:g}, {name}: error of v_L, v_T in %", worst, note=note))
+            taken = ", ".join(f"{own:.0f} for {fine:.0f}" for _, _, (own, fine) in found)
+            largest = max(spacing for _, spacing, _ in found)
+            rows.append(Row(f"mu = {mu:g}, steps to {tolerance:g}: error of a*", largest, note=f"number of steps {taken}"))
+    return rows
+
+
 # -- the true geometry --------------------------------------------------------------------------------------------------
 
 #: f* up to where both geometries have the same; friction coefficients, zero being statics without friction
@@ -502,7 +540,7 @@ def figures(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {
-    "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
+    "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts, "steps": steps,
     "truth": truth, "rest": rest, "widths": widths, "energy": energy, "figures": figures,
 }  # fmt: skip
 
