@@ -672,3 +672,41 @@ def test_an_array_in_space_keeps_its_energy():
         assert last.residual <= 1e-9
         left.append(last.work - last.dissipated - (last.stored - begun.stored))
     assert left[0] / left[1] == pytest.approx(8.0, rel=0.3)
+
+
+@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (5, 6)), ("fcc", (3, 3, 3))])
+def test_a_pressure_is_the_stress_on_the_shrunken_cell(lattice, shape, friction):
+    """It is the trace of the contacts' forces times their vectors, over the size of the cell."""
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-4), lattice=lattice)
+    history = {"friction_history": True, "friction_coefficient": friction, "step_tolerance": 1e-2} if friction else {}
+    simulation = gp.DirectSimulation(packing, shape, samples=2, geometry="exact", **history)
+    state = simulation.at_overlap(0.5 * packing.width)
+    found = []
+    for sample in state.samples:
+        net = sample.network
+        force = net.normal_force[:, None] * net.normal
+        if friction:
+            force = force + net.tangential_force
+        p = len(shape)
+        size = np.linalg.det(net.cell[:p, :p])
+        found.append(np.sum(force * net.vector) / (p * size))
+    assert state.pressure == pytest.approx(np.mean(found), rel=1e-10)
+    again = simulation.at_pressure(float(state.pressure))
+    assert again.pressure == pytest.approx(state.pressure, rel=1e-11)
+    assert [sample.pressure for sample in again.samples] == pytest.approx([state.pressure] * 2, rel=1e-11)
+    # where the cell kept its size the force would be 2 % more, under the same pressure
+    assert np.mean([sample.force for sample in again.samples]) == pytest.approx(float(state.force), rel=2e-3)
+
+
+def test_a_start_may_be_a_pressure_in_the_exact_geometry():
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-4))
+    start = gp.DirectSimulation(packing, (5, 6), geometry="exact").at_overlap(0.1 * packing.width)
+    pressure = float(start.pressure)
+    given = {"friction_history": True, "friction_coefficient": 0.5, "geometry": "exact", "start": {"pressure": pressure}}
+    simulation = gp.DirectSimulation(packing, (5, 6), **given)
+    states = simulation.path(pressure=[pressure, 1.5 * pressure, 1.2 * pressure])
+    assert states.pressure == pytest.approx(np.array([1.0, 1.5, 1.2]) * pressure, rel=1e-11)
+    assert float(states.overlap[0]) == pytest.approx(float(start.overlap), rel=1e-8)
+    with pytest.raises(InputError, match="below the start"):
+        simulation.at_pressure(0.99 * pressure)

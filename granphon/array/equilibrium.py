@@ -180,6 +180,11 @@ class Equilibrium(Result):
         """Mean energy of a contact, in units of c W^(5/2)."""
         return float(np.mean(0.4 * self.forces * np.maximum(self.overlaps, 0.0)))
 
+    @property
+    def boundary_force(self) -> float:
+        """f* at which the pressure is the same where the cell keeps its size; see :class:`~granphon.array.steps.Prescribed`."""
+        return self.force
+
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses

@@ -18,8 +18,9 @@ from granphon.array.coupling import CoupledProduct
 from granphon.array.friction import Tangent
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.steps import Prescribed
 
-__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product", "multiply"]
+__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product", "find_lack", "multiply"]
 
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
@@ -56,6 +57,10 @@ class Place(Protocol):
 
     def pull(self, forces: Array, shears: Array) -> Array:
         """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
+
+    @property
+    def boundary(self) -> float:
+        """Size of the cell's boundary, over that with y = 0."""
 
     def press(self, forces: Array, shears: Array) -> float:
         """Return the force whose work on dy is that of the load: a mean over contacts."""
@@ -129,6 +134,8 @@ class LatticeGeometry:
 class LatticePlace:
     """Configuration of an array in its :class:`LatticeGeometry`."""
 
+    boundary = 1.0
+
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
         self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
         stencils, n = self._stencils, self._stencils.n_contacts
@@ -167,6 +174,15 @@ class LatticePlace:
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self._stencils.shape)])
+
+
+def find_lack(load: Prescribed, place: Place, forces: Array, shears: Array) -> float:
+    """Return what the mean contact force lacks to a load; zero at a given overlap."""
+    if load.overlap is not None:
+        return 0.0
+    if load.on_boundary:
+        return load.force * place.boundary - place.press(forces, shears)
+    return load.force - float(np.mean(forces))
 
 
 def multiply(stencils: Stencils, tangent: Tangent) -> Product:

@@ -158,7 +158,7 @@ class LoadingHistory:
         """
         trail = [self.begin()]
         for load in loads:
-            here, aim = self._measure(trail[-1], load), self._aim(load)
+            here, aim = self.measure(trail[-1], load), self._aim(load)
             if abs(aim - here) <= _SAME_LOAD * (here if load.overlap is None else 1.0):  # the array stands there
                 yield trail[-1]
                 continue
@@ -179,7 +179,7 @@ class LoadingHistory:
         while ahead:
             load, allowed, halvings = ahead.pop()
             middle, found = self._between(trail[-1], load), []
-            if not goes_on([*(self._measure(one, load) for one in trail[-2:]), self._aim(load)]):
+            if not goes_on([*(self.measure(one, load) for one in trail[-2:]), self._aim(load)]):
                 # nothing tells yet how the path bends: two halves do
                 found = [self.step(trail, middle)]
             found.append(self.step([*trail, *found], load))
@@ -206,7 +206,7 @@ class LoadingHistory:
         tangential forces that differ by dT raise f* by the mean of dT over the contacts' slips under dy.
         """
         three = trail[-3:]
-        loads, change = [self._measure(one, load) for one in three], 0.0
+        loads, change = [self.measure(one, load) for one in three], 0.0
         for last in (-1, -2)[:steps]:
             before, after = three[last - 1].contacts, three[last].contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
@@ -222,12 +222,11 @@ class LoadingHistory:
             change += _CAUTION * share / after.overlaps.size / abs(three[last].overlap - three[last - 1].overlap)
         return change
 
-    @staticmethod
-    def _between(here: PressedArray, load: Prescribed) -> Prescribed:
+    def _between(self, here: PressedArray, load: Prescribed) -> Prescribed:
         """Return the load half-way from a state to another load."""
         if load.overlap is None:
-            return Prescribed(force=0.5 * (here.force + load.force))
-        return Prescribed(overlap=0.5 * (here.overlap + load.overlap))
+            return load._replace(force=0.5 * (self.measure(here, load) + load.force))
+        return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
     def step(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
@@ -275,10 +274,14 @@ class LoadingHistory:
         self._located.append((here.balls, place))
         return place
 
-    @staticmethod
-    def _measure(state: PressedArray, load: Prescribed) -> float:
-        """Return the overlap of a state, or its force if that is what the load prescribes."""
-        return state.force if load.overlap is None else state.overlap
+    def measure(self, state: PressedArray, load: Prescribed) -> float:
+        """Return of a state what the load prescribes: its overlap, its force, or its force under the same pressure."""
+        if load.overlap is not None:
+            return state.overlap
+        if load.on_boundary:
+            place = self._locate(state)
+            return place.press(state.contacts.forces, state.contacts.shears) / place.boundary
+        return state.force
 
     @staticmethod
     def _aim(load: Prescribed) -> float:
@@ -286,7 +289,7 @@ class LoadingHistory:
 
     def _extrapolate(self, trail: Sequence[PressedArray], load: Prescribed) -> tuple[Array, float]:
         """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
-        weights = continue_polynomial([self._measure(one, load) for one in trail], self._aim(load))
+        weights = continue_polynomial([self.measure(one, load) for one in trail], self._aim(load))
         states = trail[-len(weights) :]
         balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap

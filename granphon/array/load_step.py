@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.geometry import Geometry, Place
+from granphon.array.geometry import Geometry, Place, find_lack
 from granphon.array.linear_step import LinearSteps
 from granphon.array.patches import Patches
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
@@ -234,7 +234,7 @@ class LoadStep:
         forces, load, stencils = contacts.forces, self._load, self._stencils
         force = float(np.mean(forces))
         pull = place.pull(*self._resist(contacts, overlap))
-        push = forces.size * (load.force - force) if load.overlap is None else 0.0
+        push = forces.size * find_lack(load, place, forces, contacts.shears)
         fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         turning = fields[:, stencils.motions.turning]
         square = max(

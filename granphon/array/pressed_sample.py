@@ -119,6 +119,11 @@ class PressedEquilibrium(Equilibrium):
         """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2)."""
         return self.forces - max(self.overlap, 0.0) ** 1.5 if self.ratio else super().excess
 
+    @property
+    def boundary_force(self) -> float:
+        """f* at which the pressure is the same where the cell keeps its size."""
+        return self.place.press(self.forces, self.shears) / self.place.boundary if self.ratio else self.force
+
     @cached_property
     def law(self) -> FrictionLaw:
         """The law of the contacts."""

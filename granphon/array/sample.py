@@ -109,6 +109,16 @@ class Sample(Result):
         return self._units.force * self.equilibrium.force
 
     @property
+    def pressure(self) -> float:
+        """Pressure, N/m in the plane, Pa in space, N on a line: the work of the load over the change of the cell's size.
+
+        Raises :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a pressure.
+        """
+        structure = self.packing.structure
+        force = self._units.force * self.equilibrium.boundary_force
+        return structure.pressure_factor * force / self.packing.diameter ** (structure.periods - 1)
+
+    @property
     def normal_stiffness(self) -> float:
         """Normal stiffness df/d(delta), N/m."""
         return self._units.stiffness * self.equilibrium.stiffness

@@ -25,10 +25,15 @@ _LENGTH_TRIALS = 30
 
 
 class Prescribed(NamedTuple):
-    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*."""
+    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*.
+
+    If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell keeps its size. In the
+    true geometry the boundary shrinks with the cell.
+    """
 
     overlap: float | None = None
     force: float = 0.0
+    on_boundary: bool = False
 
 
 def compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:

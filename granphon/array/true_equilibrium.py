@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
-from granphon.array.geometry import Inverse
+from granphon.array.geometry import Inverse, find_lack
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
@@ -86,6 +86,11 @@ class TrueEquilibrium(Equilibrium):
     def differences(self) -> Array:
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         return self.place.differences
+
+    @property
+    def boundary_force(self) -> float:
+        """f* at which the pressure is the same where the cell keeps its size."""
+        return self.place.press(self.forces, np.zeros((0, *self.forces.shape))) / self.place.boundary
 
     def _act(self, residual: float | None = None) -> ActingForces:
         """Return the contacts that carry load, without friction.
@@ -265,8 +270,9 @@ class _Trial:
         self.root = np.sqrt(closed)
         self.forces = closed * self.root
         self.force = float(np.mean(self.forces))
-        self.pull = place.pull(self.forces, np.zeros((0, *closed.shape)))
-        self.push = closed.size * (load.force - self.force) if load.overlap is None else 0.0
+        none = np.zeros((0, *closed.shape))
+        self.pull = place.pull(self.forces, none)
+        self.push = closed.size * find_lack(load, place, self.forces, none)
         largest = math.sqrt(float(np.max(np.sum(stencils.cartesian(self.pull) ** 2, axis=0))))
         if not self.force > 0.0:
             raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))

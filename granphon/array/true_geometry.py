@@ -274,6 +274,11 @@ class ExactPlace:
         t, b = self.tangents
         return _add(_times(parts[0], t), _times(parts[1], b)), _subtract(_times(parts[0], b), _times(parts[1], t))
 
+    @property
+    def boundary(self) -> float:
+        """Size of the cell's boundary, over that with y = 0."""
+        return (1.0 - self.geometry.ratio * self.overlap) ** (len(self.geometry.stencils.shape) - 1)
+
     def press(self, forces: Array, shears: Array) -> float:
         """Return the force whose work on dy is that of the load: the mean of (f n - T).e over contacts."""
         push = forces * self.normal[0]

@@ -41,11 +41,15 @@ def reduce_load(packing: Packing, load: Load) -> Array:
         return np.asarray(units.reduced_force(values))
 
 
-def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
-    """Convert each value of an applied load to a prescribed force or overlap in units of the width, in C order."""
+def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[Prescribed]:
+    """Convert each value of an applied load to a prescribed force or overlap in units of the width, in C order.
+
+    In the exact geometry the boundary on which a pressure acts shrinks with the cell.
+    """
     if load.kind == "overlap":  # a* would lose the digits of a small overlap
         return [Prescribed(overlap=one) for one in packing.width_units.reduced_overlap(load.array).ravel().tolist()]
-    return [Prescribed(force=one) for one in reduce_load(packing, load).ravel().tolist()]
+    on_boundary = is_exact and load.kind == "pressure"
+    return [Prescribed(force=one, on_boundary=on_boundary) for one in reduce_load(packing, load).ravel().tolist()]
 
 
 def require_load(packing: Packing, load: Load, largest: float) -> None:

@@ -182,7 +182,7 @@ def read_loading(
     if not packing.mindlin_ratio > 0.0:
         why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
         raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
-    given_start = _reduce_start(packing, given["start"])
+    given_start = _reduce_start(packing, given["start"], bool(ratio))
     return Loading(packing.mindlin_ratio, **{**given, "start": given_start}, ratio=ratio), given
 
 
@@ -203,14 +203,14 @@ def find_ratio(packing: Packing, geometry: str) -> float:
     return ratio
 
 
-def _reduce_start(packing: Packing, start: float | Load | str | None) -> Prescribed | str:
+def _reduce_start(packing: Packing, start: float | Load | str | None, is_exact: bool) -> Prescribed | str:
     """Return the start in reduced units; that of equal balls, which need none, is at the default a*."""
     if isinstance(start, str):
         return start
     if isinstance(start, Load):
         if start.size != 1:
             raise InputError(message(f"start holds {start.size} loads", mend="Give one"))
-        return prescribe(packing, start.applied)[0]
+        return prescribe(packing, start.applied, is_exact)[0]
     return Prescribed(overlap=(START_SPACING if start is None else start) - 0.5)
 
 
@@ -326,16 +326,21 @@ def require_path(packing: Packing, deviations: Array, loading: Loading, path: Se
     """Raise as :func:`press` would before its first step, where the start is not at the gas: only the start is solved."""
     if loading.ordered or not np.ptp(deviations):
         return
-    _, here, smooth = _begin(packing, deviations, loading, workers)
+    history, here, smooth = _begin(packing, deviations, loading, workers)
     smooth.forget()
-    require_above(Prescribed(here.overlap, here.force), path)
+    _require_above_state(history, here, path)
+
+
+def _require_above_state(history: LoadingHistory, here: PressedArray, path: Sequence[Prescribed]) -> None:
+    by_force = path[0].overlap is None
+    require_above(Prescribed(here.overlap, history.measure(here, path[0]) if by_force else here.force), path)
 
 
 def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
     history, here, smooth = _begin(packing, deviations, loading, workers)
     stencils = history.stencils
     if not loading.ordered:
-        require_above(Prescribed(here.overlap, here.force), path)
+        _require_above_state(history, here, path)
     states = history.path(path)
     for place in range(len(path)):
         try:

@@ -170,6 +170,14 @@ class SimulatedState(SampleMeans):
         return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples)
 
     @property
+    def pressure(self) -> Any:
+        """Pressure P, N/m in the plane, Pa in space: see :attr:`granphon.ContactState.pressure`.
+
+        In the exact geometry it is the work of the load on the cell, over the change of its size: the mean over samples.
+        """
+        return self._average(lambda sample: sample.pressure) if self.finite_overlap else super().pressure
+
+    @property
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: the mean over samples of their linear response.
 
@@ -397,7 +405,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         Raises as :meth:`require` does.
         """
         self.require(load)
-        return prescribe(self.packing, load)
+        return prescribe(self.packing, load, self.is_exact)
 
     def sample(self, load: Prescribed, before: tuple[float, Array] | None = None) -> Sample:
         """Return the first sample under one load, with the same numbers as in a state.
@@ -417,7 +425,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         require_load(self.packing, load, self._largest)
         loading = self.loading
         if loading is not None and not loading.ordered and isinstance(loading.start, Prescribed) and self.packing.width:
-            require_above(loading.start, prescribe(self.packing, load))
+            require_above(loading.start, prescribe(self.packing, load, self.is_exact))
 
     def require_start(self, load: Load) -> None:
         """Raise as :meth:`require` does where the start of a loading is of another kind than the load: the start is solved.

@@ -351,7 +351,9 @@ def steps(repeats: int) -> list[Row]:
                 pairs = [[reach(mu, seed, force, one) for one in (tolerance, FINE)] for seed in range(SAMPLES)]
                 errors = 100.0 * np.array([np.abs(own[1] / fine[1] - 1.0) for own, fine in pairs])
                 spacing = max(abs(own[0] - fine[0]) for own, fine in pairs)
-                found.append((np.max(errors, axis=0), spacing, np.mean([[one[2] for one in pair] for pair in pairs], axis=0)))
+                found.append(
+                    (np.max(errors, axis=0), spacing, np.mean([[one[2] for one in pair] for pair in pairs], axis=0))
+                )
             for at, name in enumerate(SPRINGS):
                 note = "; ".join(f"{errors[at][0]:.2f}, {errors[at][1]:.2f}" for errors, _, _ in found)
                 worst = max(float(np.max(errors[at])) for errors, _, _ in found)
