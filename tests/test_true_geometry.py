@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -13,6 +14,7 @@ from test_friction_history import Dense
 from test_stencils import Explicit, cartesian
 
 import granphon as gp
+from granphon.array import true_response
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
@@ -710,3 +712,38 @@ def test_a_start_may_be_a_pressure_in_the_exact_geometry():
     assert float(states.overlap[0]) == pytest.approx(float(start.overlap), rel=1e-8)
     with pytest.raises(InputError, match="below the start"):
         simulation.at_pressure(0.99 * pressure)
+
+
+def respond_densely(monkeypatch):
+    """Let least squares find the responses that GMRES finds."""
+
+    def solve(apply, precondition, right, scale):
+        matrix = np.array([apply(one) for one in np.eye(right.size)]).T
+        return np.linalg.lstsq(matrix, right, rcond=1e-12)[0], True
+
+    monkeypatch.setattr(true_response, "_solve_by_gmres", solve)
+
+
+@pytest.mark.parametrize("mu", [0.3, math.inf])
+def test_balls_that_turn_like_gears_do_not_hide_the_response(monkeypatch, mu):
+    """On the square lattice neighbours may turn against each other without slip: no motion takes torques along that away."""
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2.04e-6), lattice="square")
+    options = {"friction_history": True, "friction_coefficient": mu, "shear_response": "stick", "start": "gas"}
+    simulation = gp.DirectSimulation(packing, (4, 4), geometry="exact", **options)
+    state = simulation.at_force(0.5 * packing.law.coefficient * packing.width**1.5)
+    found = state.elastic_tensor
+    respond_densely(monkeypatch)
+    again = dataclasses.replace(state.samples[0])
+    np.testing.assert_allclose(found, again.elastic_tensor, rtol=0.0, atol=1e-8 * np.max(found))
+    assert found[2, 2] > 0.2 * found[0, 0]
+
+
+@pytest.mark.parametrize("width", [1e-12, 1e-16])
+def test_balls_that_hardly_differ_have_a_response(monkeypatch, width):
+    """Forces are 1e8 to 1e12 times those that differences of the balls make: that many digits of the response are lost."""
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(width))
+    options = {"friction_history": True, "friction_coefficient": 0.2, "geometry": "exact"}
+    state = gp.DirectSimulation(packing, (4, 4), **options).at_force(10.0)
+    equal = gp.AveragedLattice(dataclasses.replace(packing, spread=None)).at_force(10.0, finite_overlap=True)
+    np.testing.assert_allclose(gp.moduli(state).shear, gp.moduli(equal).shear, rtol=1e-5)
+    np.testing.assert_allclose(gp.moduli(state).bulk, gp.moduli(equal).bulk, rtol=1e-5)

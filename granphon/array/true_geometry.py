@@ -202,9 +202,10 @@ class ExactPlace:
     @cached_property
     def tangents(self) -> tuple[_Vector, _Vector]:
         """The tangents t and b, with n x t = b."""
-        (n0, n1, n2), one = self.normal, 1.0 / (1.0 + self.normal[0])
+        n0, n1, n2 = self.normal
         if not isinstance(n2, np.ndarray):
             return (-n1, n0, 0.0), (0.0, 0.0, 1.0)
+        one = 1.0 / np.maximum(1.0 + n0, np.finfo(float).tiny)  # a step that is too long may turn a contact round
         mixed = -n1 * n2 * one
         t, b = (-n1, 1.0 - n1 * n1 * one, mixed), (-n2, mixed, 1.0 - n2 * n2 * one)
         spin = 0.5 * self.geometry.ratio * self._sum[0]

@@ -31,8 +31,11 @@ Map = Callable[[Array], Array]
 _RESPONSE_STEPS = 60_000
 #: relative residual of linear responses; the error of a stiffness is its square, without tangential forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps
-_KEPT = 60
+#: vectors that GMRES keeps, and the part of the residual that is left by as many iterations where it comes no nearer
+_KEPT, _STALLED = 60, 0.5
+#: fraction of the contacts' forces that no motion of the balls takes away: balls on some lattices may turn against each other
+#: like gears, and do so freely but for terms of the order (W/d)^2
+_FREE = 1e-8
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
 
@@ -57,9 +60,12 @@ class ActingForces(NamedTuple):
     rolling: tuple[Any, Any] = (0.0, 0.0)
 
 
-def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
+def find_motions(
+    place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils, scales: Sequence[float] = ()
+) -> list[Array]:
     """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
 
+    ``scales`` are the norms of the contacts' forces of which each pull is what is left: it has the digits of these.
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
@@ -82,7 +88,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
             motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
             done = stable and taken < _RESPONSE_STEPS
         else:
-            motion, done = _solve_by_gmres(apply, precondition, right)
+            motion, done = _solve_by_gmres(apply, precondition, right, scales[len(found)])
             stable = True
         if not done:
             why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
@@ -91,15 +97,21 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     return found
 
 
-def _solve_by_gmres(apply: Map, precondition: Map, right: Array) -> tuple[Array, bool]:
+def _solve_by_gmres(apply: Map, precondition: Map, right: Array, scale: float) -> tuple[Array, bool]:
+    """Return the solution, and whether no more is left than is asked for, or than no motion can take away."""
     from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
 
-    size = right.size, right.size
-    found, failed = gmres(
-        LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, restart=_KEPT,
-        maxiter=_RESPONSE_STEPS // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
-    )  # fmt: skip
-    return found, not failed
+    size, aim = (right.size, right.size), 1e-2 * _RESPONSE * float(np.linalg.norm(right))
+    matrix, inverse = (LinearOperator(size, matvec=one, dtype=np.float64) for one in (apply, precondition))
+    found, left = np.zeros_like(right), math.inf
+    for _ in range(_RESPONSE_STEPS // _KEPT):
+        found, failed = gmres(matrix, right, found, rtol=0.0, atol=aim, restart=_KEPT, maxiter=1, M=inverse)
+        if not failed:
+            return found, True
+        before, left = left, float(np.linalg.norm(right - apply(found)))
+        if left > _STALLED * before and left <= _FREE * scale:
+            return found, True
+    return found, False
 
 
 def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Array:
@@ -123,7 +135,8 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     none = (0.0, 0.0, 0.0)
     strains = [strain(a, b) for a, b in pairs]
     every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
-    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
+    scales = [math.sqrt(sum(float(np.sum(np.square(part))) for vector in one for part in vector)) for one in every]
+    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils, scales)
     # what is left of each strain once the balls have moved, and the forces against it
     tensor = np.zeros((len(pairs), len(pairs)))
     rest: list[Any] = []
