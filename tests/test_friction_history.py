@@ -500,6 +500,21 @@ def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu
     assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
 
 
+@pytest.mark.claim("friction-steps")
+@pytest.mark.parametrize("mu", [0.2, math.inf])
+def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu):
+    """The tolerance holds on the way to each load, and for an estimate: over four ways it is kept to a factor of three."""
+    paths, seen = history((12, 12), mu, 1e-4), []
+    original = paths._refine
+    paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
+    run(paths, [Prescribed(overlap=y) for y in (0.2, 0.4, 0.2, 0.0)])
+    ends = [0.0, *(state.overlap for state in seen)]
+    halves = [Prescribed(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
+    twice = run(history((12, 12), mu), halves)[1::2]
+    changes = [abs(one.force / other.force - 1.0) for one, other in zip(seen, twice, strict=True)]
+    assert 1e-6 < max(changes) < 3e-4
+
+
 # -- one step -------------------------------------------------------------------------------------------------------------
 
 
@@ -762,6 +777,32 @@ def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, nam
     with pytest.raises(ConvergenceError, match=name) as caught:
         next(states)
     assert caught.value.reached.overlap >= 0.05
+
+
+def test_balls_that_come_apart_are_said_to():
+    with pytest.raises(ConvergenceError, match="No load is left on the balls") as caught:
+        run(history((6, 6), math.inf), [Prescribed(overlap=0.05), Prescribed(overlap=-0.3)])
+    assert caught.value.reached.overlap == 0.05
+
+
+@pytest.mark.parametrize(("places", "ends"), [((0.07,), False), ((0.07, 0.17), True)])
+def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, places, ends):
+    """The shortest steps keep what falls change, over the whole way no more than the tolerance."""
+    paths = history((6, 6), 0.2, 1e-6)
+
+    def fall(trail, steps, load):
+        start, end = trail[-1 - steps].overlap, trail[-1].overlap
+        falls = sum(start < place <= end for place in places)
+        return falls * trail[-1].force * (0.9e-6 if end - start < 0.02 else 2e-6)
+
+    monkeypatch.setattr(paths, "_compare", fall)
+    monkeypatch.setattr(module, "_MOST_HALVINGS", 4)
+    loads = [Prescribed(overlap=0.2)]
+    if ends:
+        with pytest.raises(ConvergenceError, match="Halving the step still changes"):
+            run(paths, loads)
+    else:
+        assert run(paths, loads)[0].steps > 4
 
 
 def test_a_refinement_without_end_names_the_load(monkeypatch):

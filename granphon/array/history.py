@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place
@@ -246,6 +246,9 @@ class LoadingHistory:
                 trail = [*trail[-2:], self._arrive(trail, trial)]
                 failed -= trial.newton
                 ahead.pop()
+            elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
+                last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
+                raise self._explain(load, f"no load is left on the balls; {last}", "End the path before this load")
             elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
                 last = f"it was last at an overlap of {trail[-1].overlap:.6g} widths, f* = {trail[-1].force:.3g}"
                 raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
@@ -258,9 +261,10 @@ class LoadingHistory:
     def _name(load: Prescribed) -> str:
         return f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
 
-    def _explain(self, load: Prescribed, why: str) -> ConvergenceError:
+    def _explain(
+        self, load: Prescribed, why: str, mend: str = "End the path before this load, or start at a higher load"
+    ) -> ConvergenceError:
         what = f"the loading with friction has not reached {self._name(load)}"
-        mend = "End the path before this load, or start at a higher load"
         return ConvergenceError(message(what, why[0].upper() + why[1:], mend))
 
     # -- one step ---------------------------------------------------------------------------------------------------

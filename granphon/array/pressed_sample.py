@@ -149,7 +149,11 @@ class PressedEquilibrium(Equilibrium):
         return self.law.stored(self.contacts)
 
     def shear_ratios(self, response: str) -> Array:
-        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of :data:`SHEAR_RESPONSES`."""
+        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of :data:`SHEAR_RESPONSES`.
+
+        "partial_slip" is the stiffness of each contact as if its tangential force were about to grow, also where it has just
+        become less.
+        """
         mobilised = self.law.mobilise(self.contacts)
         if response == "stick":
             return np.full_like(mobilised, self.mindlin_ratio)

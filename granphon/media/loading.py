@@ -269,8 +269,8 @@ class LoadedBalls(SampledBalls):
         return find_ratio(self.packing, self.geometry)
 
     def _require_standing(self) -> None:
-        loose = isinstance(self.start, str) and self.start == GAS
-        require_standing(self.packing, bool(self.friction_history), bool(self.friction_history) and loose)
+        held = isinstance(self.start, str) and self.start == GAS and self.friction_coefficient != 0
+        require_standing(self.packing, bool(self.friction_history), bool(self.friction_history) and held)
 
     @property
     def _key(self) -> tuple[Any, ...]:

@@ -207,7 +207,8 @@ def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
         return f"Friction does not hold it either: {otherwise}"
     friction = "" if packing.friction else "friction: true of the packing and "
     if history:
-        return f"Start the history at the gas ({friction}start: gas), from which friction holds it; or {otherwise}"
+        keys = f"{friction}start: gas, and a friction_coefficient above zero"
+        return f"Start the history at the gas ({keys}), from which friction holds it; or {otherwise}"
     keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
     return f"A simulation with {keys} simulates it; or {otherwise}"
 
