@@ -81,14 +81,14 @@ def find_motions(
         return np.ravel(inverse(vector.reshape(shape)))
 
     found = []
-    for pull in pulls:
+    for pull, scale in zip(pulls, scales or [0.0] * len(pulls), strict=True):
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
             motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
             done = stable and taken < _RESPONSE_STEPS
         else:
-            motion, done = _solve_by_gmres(apply, precondition, right, scales[len(found)])
+            motion, done = _solve_by_gmres(apply, precondition, right, scale)
             stable = True
         if not done:
             why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
