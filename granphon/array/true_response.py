@@ -33,7 +33,7 @@ _RESPONSE_STEPS = 60_000
 _RESPONSE = 1e-7
 #: vectors that GMRES keeps, and the part of the residual that is left by as many iterations where it comes no nearer
 _KEPT, _STALLED = 60, 0.5
-#: fraction of the contacts' forces that no motion of the balls takes away: balls on some lattices may turn against each other
+#: fraction of the forces of contacts that no motion of the balls takes away: on some lattices balls turn against each other
 #: like gears, and do so freely but for terms of the order (W/d)^2
 _FREE = 1e-8
 #: fraction of a force that rounding may leave unbalanced

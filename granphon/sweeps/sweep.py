@@ -120,7 +120,8 @@ def sweep(
     standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
     sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
     ``shear_error``, ``tensor_error``, zero for other media and nan for one sample; of square and cubic lattices the
-    ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``;
+    ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``, and if all of them are loaded with friction,
+    ``sliding_fraction``, ``tangential_ratio``, ``work`` and ``dissipated_energy``;
     if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
     velocities and moduli that balls with some of the swept motions do not have are nan there, and the warnings say which;
     with bands ``frequencies`` (..., segment, point, branch) in Hz; of waves in simulated arrays means over samples with
