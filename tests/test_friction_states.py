@@ -394,6 +394,18 @@ def test_lattices_that_only_friction_holds_start_from_the_gas():
     assert gp.moduli(state).tensor[2, 2] > 0.0
 
 
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("lattice", "shape"), [("kagome", (5, 5)), ("sc", (3, 3, 3)), ("bcc", (3, 3, 3))])
+def test_at_high_load_such_lattices_respond_as_that_of_equal_balls(lattice, shape):
+    """What the differences of the balls change goes with their square, over that of the overlap."""
+    packing, loads = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice=lattice), np.array([3.0, 6.0]) * W
+    state = simulation(0.5, shape, packing, start="gas", shear_response="stick").path(overlap=loads)
+    equal = gp.moduli(gp.AveragedLattice(packing).at_overlap(loads)).tensor
+    apart = np.max(np.abs(state.symmetric_tensor - equal), axis=(-2, -1)) / equal[:, 0, 0]
+    assert apart[1] < 2e-4
+    assert apart[0] / apart[1] == pytest.approx(4.0, rel=0.1)
+
+
 # -- what cannot be done --------------------------------------------------------------------------------------------------
 
 
