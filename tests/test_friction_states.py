@@ -682,6 +682,15 @@ def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
     assert summary["longitudinal"] == gp.sound_velocities(state).longitudinal
 
 
+def test_the_default_start_is_written_out(tmp_path):
+    given = scene(medium=options(*HISTORY))
+    given.run(tmp_path / "out")
+    written = yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())
+    assert written["medium"]["simulation"]["start"] == 0.5
+    again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
+    assert again == given
+
+
 def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
     text = SCENE.replace("2.04 um}", "2.04 um}, finite_overlap: true")
     given = gp.Scene.from_text(text.replace("friction_history: true", "geometry: exact, friction_history: true"))

@@ -18,7 +18,7 @@ from granphon.base.validation import block, choice, number, read_inside, real_nu
 from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
-from granphon.media.loading import HISTORY_OPTIONS, LATTICE, read_start, refuse_without_history
+from granphon.media.loading import HISTORY_OPTIONS, LATTICE, START_SPACING, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
@@ -191,13 +191,13 @@ class MediumChoice:
         return found
 
     def on(self, lattice: Lattice) -> MediumChoice:
-        """Return the same choice for a lattice, on which a shape at its default is left out, as other options are.
+        """Return the same choice for a lattice, on which a shape and a start at their defaults are left out, as others are.
 
         Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
         """
         options = read_inside(self.name, partial(_read_options, self.name, lattice=lattice), dict(self.options))
-        default = DEFAULT_SHAPES[lattice.periods]
-        return MediumChoice(self.name, tuple(one for one in options.items() if one != ("shape", default)))
+        defaults = ("shape", DEFAULT_SHAPES[lattice.periods]), ("start", START_SPACING)
+        return MediumChoice(self.name, tuple(one for one in options.items() if one not in defaults))
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
@@ -213,6 +213,8 @@ class MediumChoice:
         start = found.get("start", 0.0)
         if isinstance(start, Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
+        elif start is None:
+            found["start"] = START_SPACING
         return {name: value for name, value in found.items() if value is not None}
 
     @property
