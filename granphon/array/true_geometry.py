@@ -81,7 +81,8 @@ class ExactGeometry:
         ends = np.stack([first[i] for i, _ in stencils.ends])
         #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
         self.uneven = 0.5 * ratio * (self.means - ends)
-        self._frame = stencils.observe(_frame_rows(stencils))
+        #: stencils with the vectors of :meth:`split`
+        self.frame = stencils.observe(_frame_rows(stencils))
         self._dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
         pushes = _frame_rows(stencils)[: self._dimension]
         #: stencils with elongations, and with displacements across contacts, for preconditioners
@@ -130,7 +131,10 @@ class ExactGeometry:
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
-        rows = self._frame.deformations(motion).reshape(-1, *self.means.shape)
+        return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
+
+    def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
+        """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
         p, r = self._dimension, self._turns
         moved = (*rows[:p], *_ZERO[p:])
         if not r:
@@ -140,8 +144,12 @@ class ExactGeometry:
 
     def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
+        return self.frame.forces(np.concatenate(self.stack(push, turning, rolling)))
+
+    def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> list[Array]:
+        """Return the forces on the three vectors, (n_c, L1, ..., Lp) for each deformation of :attr:`frame`."""
         parts = [*push[: self._dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
-        return self._frame.forces(np.concatenate([np.broadcast_to(part, self.means.shape) for part in parts]))
+        return [np.broadcast_to(part, self.means.shape) for part in parts]
 
     def axes(self) -> Array:
         """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
@@ -306,6 +314,14 @@ class ExactPlace:
         moved, total, difference = self.geometry.split(motion)
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
+
+    def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Array:
+        """Return the matrix (m, m, n_c, L1, ..., Lp) of each contact: :meth:`resist` by the deformations of its frame."""
+        m, columns = self.geometry.frame.n_rows // len(self.size), []
+        for unit in np.eye(m):
+            rows = np.broadcast_to(unit.reshape(m, *(1,) * self.size.ndim), (m, *self.size.shape)).copy()
+            columns.append(self.geometry.stack(*self.resist(*self.geometry.sort(rows), law, forces, shears, rolling)[:3]))
+        return np.array(columns).swapaxes(0, 1)
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""

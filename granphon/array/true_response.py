@@ -19,6 +19,7 @@ from granphon.array.conjugate_gradients import solve_by_descent
 from granphon.array.geometry import Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.true_factors import factorise, may_factorise
 from granphon.array.true_geometry import ExactPlace
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
@@ -63,9 +64,12 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
-    inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
+    if may_factorise(stencils) and not symmetric:
+        inverse = factorise(place.geometry, place.tabulate(*acting[:1], *acting[2:]), stiff)
+    else:
+        inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
 
     def apply(vector: Array) -> Array:
         motion = Motion(vector.reshape(shape), 0.0)
