@@ -38,6 +38,7 @@ from granphon.array.friction import Tangent
 from granphon.array.geometry import Inverse, Law, Place, Product
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.true_matrix import Assembly
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row
@@ -83,10 +84,16 @@ class ExactGeometry:
         self.uneven = 0.5 * ratio * (self.means - ends)
         #: stencils with the vectors of :meth:`split`
         self.frame = stencils.observe(_frame_rows(stencils))
+        self._is_small = self.frame.coupling.is_small
         self._dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
         pushes = _frame_rows(stencils)[: self._dimension]
         #: stencils with elongations, and with displacements across contacts, for preconditioners
         self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Maker of matrices of small motions, for small arrays."""
+        return Assembly(self.frame)
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -131,7 +138,11 @@ class ExactGeometry:
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
-        return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
+        if not self._is_small:
+            return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
+        rows = self.frame.coupling.stretch(motion.balls).reshape(-1, *self.means.shape)
+        rows[0] -= motion.compression
+        return self.sort(rows)
 
     def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
         """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
@@ -144,7 +155,8 @@ class ExactGeometry:
 
     def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
-        return self.frame.forces(np.concatenate(self.stack(push, turning, rolling)))
+        parts = self.stack(push, turning, rolling)
+        return self.frame.coupling.pull(*parts) if self._is_small else self.frame.forces(np.concatenate(parts))
 
     def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> list[Array]:
         """Return the forces on the three vectors, (n_c, L1, ..., Lp) for each deformation of :attr:`frame`."""
@@ -316,7 +328,7 @@ class ExactPlace:
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
 
     def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Array:
-        """Return the matrix (m, m, n_c, L1, ..., Lp) of each contact: :meth:`resist` by the deformations of its frame."""
+        """Return :meth:`resist` as matrices (m, m, n_c, L1, ..., Lp) of the m deformations of each contact's frame."""
         m, columns = self.geometry.frame.n_rows // len(self.size), []
         for unit in np.eye(m):
             rows = np.broadcast_to(unit.reshape(m, *(1,) * self.size.ndim), (m, *self.size.shape)).copy()
@@ -325,7 +337,6 @@ class ExactPlace:
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
-
         def product(balls: Single, press: float | None) -> tuple[Single, float]:
             pull, push = self.respond(Motion(balls.astype(float), press or 0.0), tangent.apply, forces, shears)
             return pull.astype(np.float32), push

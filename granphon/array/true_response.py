@@ -19,8 +19,8 @@ from granphon.array.conjugate_gradients import solve_by_descent
 from granphon.array.geometry import Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.true_factors import factorise, may_factorise
 from granphon.array.true_geometry import ExactPlace
+from granphon.array.true_matrix import is_small
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
@@ -66,8 +66,9 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     """
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    if may_factorise(stencils) and not symmetric:
-        inverse = factorise(place.geometry, place.tabulate(*acting[:1], *acting[2:]), stiff)
+    if is_small(stencils) and not symmetric:
+        blocks = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
+        inverse = place.geometry.assembly.invert(blocks, stiff)
     else:
         inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
 
