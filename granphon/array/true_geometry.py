@@ -27,6 +27,7 @@ is that of the mean ball in both: its own radii change that of a contact by a pa
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -38,7 +39,6 @@ from granphon.array.friction import Tangent
 from granphon.array.geometry import Inverse, Law, Place, Product
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.true_matrix import Assembly
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row
@@ -89,11 +89,6 @@ class ExactGeometry:
         pushes = _frame_rows(stencils)[: self._dimension]
         #: stencils with elongations, and with displacements across contacts, for preconditioners
         self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
-
-    @cached_property
-    def assembly(self) -> Assembly:
-        """Maker of matrices of small motions, for small arrays."""
-        return Assembly(self.frame)
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -158,10 +153,10 @@ class ExactGeometry:
         parts = self.stack(push, turning, rolling)
         return self.frame.coupling.pull(*parts) if self._is_small else self.frame.forces(np.concatenate(parts))
 
-    def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> list[Array]:
-        """Return the forces on the three vectors, (n_c, L1, ..., Lp) for each deformation of :attr:`frame`."""
+    def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
+        """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
         parts = [*push[: self._dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
-        return [np.broadcast_to(part, self.means.shape) for part in parts]
+        return np.array([np.broadcast_to(part, self.means.shape) for part in parts])
 
     def axes(self) -> Array:
         """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
@@ -327,16 +322,17 @@ class ExactPlace:
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
 
-    def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Array:
-        """Return :meth:`resist` as matrices (m, m, n_c, L1, ..., Lp) of the m deformations of each contact's frame."""
-        m, columns = self.geometry.frame.n_rows // len(self.size), []
-        for unit in np.eye(m):
-            rows = np.broadcast_to(unit.reshape(m, *(1,) * self.size.ndim), (m, *self.size.shape)).copy()
-            columns.append(self.geometry.stack(*self.resist(*self.geometry.sort(rows), law, forces, shears, rolling)[:3]))
-        return np.array(columns).swapaxes(0, 1)
+    def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
+        """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""
+        m = self.geometry.frame.n_rows // len(self.size)
+        for at in range(m):
+            rows = np.zeros((m, *self.size.shape))
+            rows[at] = 1.0
+            yield self.geometry.stack(*self.resist(*self.geometry.sort(rows), law, forces, shears, rolling)[:3])
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
+
         def product(balls: Single, press: float | None) -> tuple[Single, float]:
             pull, push = self.respond(Motion(balls.astype(float), press or 0.0), tangent.apply, forces, shears)
             return pull.astype(np.float32), push
