@@ -27,6 +27,7 @@ is that of the mean ball in both: its own radii change that of a contact by a pa
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -81,7 +82,9 @@ class ExactGeometry:
         ends = np.stack([first[i] for i, _ in stencils.ends])
         #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
         self.uneven = 0.5 * ratio * (self.means - ends)
-        self._frame = stencils.observe(_frame_rows(stencils))
+        #: stencils with the vectors of :meth:`split`
+        self.frame = stencils.observe(_frame_rows(stencils))
+        self._is_small = self.frame.coupling.is_small
         self._dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
         pushes = _frame_rows(stencils)[: self._dimension]
         #: stencils with elongations, and with displacements across contacts, for preconditioners
@@ -130,7 +133,14 @@ class ExactGeometry:
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
-        rows = self._frame.deformations(motion).reshape(-1, *self.means.shape)
+        if not self._is_small:
+            return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
+        rows = self.frame.coupling.stretch(motion.balls).reshape(-1, *self.means.shape)
+        rows[0] -= motion.compression
+        return self.sort(rows)
+
+    def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
+        """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
         p, r = self._dimension, self._turns
         moved = (*rows[:p], *_ZERO[p:])
         if not r:
@@ -140,8 +150,13 @@ class ExactGeometry:
 
     def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
+        parts = self.stack(push, turning, rolling)
+        return self.frame.coupling.pull(*parts) if self._is_small else self.frame.forces(np.concatenate(parts))
+
+    def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
+        """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
         parts = [*push[: self._dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
-        return self._frame.forces(np.concatenate([np.broadcast_to(part, self.means.shape) for part in parts]))
+        return np.array([np.broadcast_to(part, self.means.shape) for part in parts])
 
     def axes(self) -> Array:
         """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
@@ -312,6 +327,14 @@ class ExactPlace:
         moved, total, difference = self.geometry.split(motion)
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
+
+    def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
+        """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""
+        m = self.geometry.frame.n_rows // len(self.size)
+        for at in range(m):
+            rows = np.zeros((m, *self.size.shape))
+            rows[at] = 1.0
+            yield self.geometry.stack(*self.resist(*self.geometry.sort(rows), law, forces, shears, rolling)[:3])
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.geometry import Law
+from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactPlace
@@ -36,6 +36,8 @@ _KEPT, _STALLED = 60, 0.5
 #: fraction of the forces of contacts that no motion of the balls takes away: on some lattices balls turn against each other
 #: like gears, and do so freely but for terms of the order (W/d)^2
 _FREE = 1e-8
+#: stiffness that holds balls which nothing holds, over the mean stiffness
+_HOLDING = 1e-10
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
 
@@ -69,9 +71,12 @@ def find_motions(
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
-    inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
+    inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
+    if not symmetric:
+        whole, alone = inverse, _invert_balls(place, acting, _HOLDING * stiff)
+        inverse = lambda force: whole(force) + alone(force)  # noqa: E731
 
     def apply(vector: Array) -> Array:
         motion = Motion(vector.reshape(shape), 0.0)
@@ -95,6 +100,31 @@ def find_motions(
             raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
         found.append(motion.reshape(shape))
     return found
+
+
+def _invert_balls(place: ExactPlace, acting: ActingForces, holding: float) -> Inverse:
+    """Return what moves each ball under a force while its neighbours are held, with the forces that act.
+
+    A ball whose contacts all slide is held by these forces alone, W/d of the others: of it the preconditioners of the
+    lattice know nothing.
+    """
+    frame = place.geometry.frame
+    count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
+    head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
+    blocks = np.zeros((count, count, frame.n_balls, *frame.shape))
+    for row, forces in enumerate(place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)):
+        for kind, (shift, (i, j)) in enumerate(zip(frame.shifts, frame.ends, strict=True)):
+            for end, rows, step in ((i, tail[:, kind, i], (0,) * len(shift)), (j, head[:, kind, j], shift)):
+                found = np.roll(np.tensordot(rows, forces[:, kind], (0, 0)), step, axes)
+                blocks[:, :, end] += found[:, None] * rows[row].reshape(-1, *(1,) * len(shift))
+    blocks = np.moveaxis(blocks.reshape(count, count, -1), 2, 0)
+    inverse = np.linalg.inv(blocks + holding * np.eye(count))
+
+    def apply(force: Array) -> Array:
+        by_ball = force.reshape(frame.n_balls, count, -1).swapaxes(1, 2).reshape(-1, count, 1)
+        return (inverse @ by_ball).reshape(frame.n_balls, -1, count).swapaxes(1, 2).reshape(force.shape)
+
+    return apply
 
 
 def _solve_by_gmres(apply: Map, precondition: Map, right: Array, scale: float) -> tuple[Array, bool]:
