@@ -29,7 +29,7 @@ from granphon.media.medium import Option
 from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
-    "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "press",
+    "EXACT", "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "press",
     "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history", "require_above",
     "require_path",
 ]  # fmt: skip
