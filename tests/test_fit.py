@@ -19,7 +19,7 @@ import granphon as gp
 from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.reading import plain_yaml
-from granphon.fits.fit import WidthFit, fit_width
+from granphon.fits.fit import WidthFit, convert_pressure, fit_width
 from granphon.fits.goodness import compute_leverages, find_rounding
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VelocityModel, Waves
@@ -653,6 +653,61 @@ def test_samples_of_listed_diameters_move_in_proportion():
     simulation = model._curve.medium
     own = gp.DirectSimulation(packing, (8, 8))
     assert_allclose(simulation.deviations(0), own.deviations(0), rtol=0, atol=1e-8)
+
+
+PRESSED = {"friction_history": True, "friction_coefficient": 0.3, "shear_response": "stick", "step_tolerance": 1e-2}
+WIDE = spread_over(0.02 * 8e-3)
+HIGH = WIDE.width_units.force * 10.0 ** (np.arange(-4, 5) / 8.0)
+
+
+@pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 4e4)])
+def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency):
+    """At the places of its own curve; of pulses but for terms of the order of W/d in how they disperse."""
+    choice = {"simulation": {"shape": (6, 6), "geometry": "exact"}}
+    waves = Waves(branch, np.array([0.0, 1.0]), frequency, True)
+    model = VelocityModel(WIDE, ("width",), MediumChoice.parse(choice), HIGH, waves)
+    state = gp.DirectSimulation(WIDE, (6, 6), geometry="exact").at_force(HIGH)
+    found = model(model.find_start(WIDE.width))[0]
+    assert_allclose(found, waves.velocity(state)[0], rtol=1e-3 if frequency else 1e-10)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"geometry": "exact"},
+        pytest.param({"geometry": "exact", **PRESSED}, marks=pytest.mark.exhaustive),
+        {**PRESSED, "start": {"force": float(0.08 * WIDE.width_units.force)}},
+    ],
+    ids=["exact", "exact with friction", "from a load"],
+)
+def test_samples_that_belong_to_one_width_give_it(options):
+    """In the exact geometry of balls this different another width than theirs is found in the limit of small ones."""
+    given = {"simulation": {"shape": (6, 6), **options}}
+    data = velocities(WIDE, given, HIGH[2:])
+    fit = fit_width(BALLS, HIGH[2:], data, 1.0, medium=given)
+    assert_allclose(fit.width, WIDE.width, rtol=1e-2)  # but for the cusps of so few balls
+    exact = "geometry" in options
+    assert fit.waves.finite_overlap == exact
+    assert_allclose(fit.velocity_at(HIGH[2:]), fit.velocities, rtol=1e-4)
+    assert WidthFit.from_dict(fit.to_dict()) == fit
+    if exact:
+        limit = {"simulation": {"shape": (6, 6), **options, "geometry": "lattice"}}
+        assert fit_width(BALLS, HIGH[2:], data, 1.0, medium=limit).width > 1.15 * WIDE.width
+        assert not np.allclose(fit.velocity_at(HIGH[2:], limit), fit.velocities, rtol=5e-3)
+
+
+def test_parameters_that_do_not_settle_are_refused(monkeypatch):
+    monkeypatch.setattr("granphon.fits.least_squares._MOST_SIMULATED", 1)
+    given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
+    with pytest.raises(InputError, match=r"width still changed after 1 .*Give the simulation more balls"):
+        fit_width(BALLS, HIGH[4:], velocities(WIDE, given, HIGH[4:]), 1.0, medium=given)
+
+
+def test_pressures_in_the_exact_geometry():
+    given = {"simulation": {"shape": (6, 6), "geometry": "exact"}}
+    state = MediumChoice.parse(given).of(WIDE).at_force(HIGH[4])
+    assert convert_pressure(WIDE, False, given, ("width",), state.pressure) == pytest.approx(HIGH[4], rel=2e-4)
+    assert abs(convert_pressure(WIDE, False, "ala", ("width",), state.pressure) / HIGH[4] - 1.0) > 1e-2
 
 
 def test_what_a_simulation_is_not_fitted_to():

@@ -371,6 +371,18 @@ def test_the_exact_geometry_is_in_balance_with_its_own_directions(given):
     assert type(state).from_dict(json.loads(json.dumps(state.to_dict()))) == state
 
 
+def test_slow_pulses_have_the_speed_of_long_waves_in_the_exact_geometry():
+    state = exact.__wrapped__(1.6e-4, np.array([0.5, 2.0]))
+    long = state.long_waves((0.0, 1.0))[:, :1].T
+    pulses = gp.pulse_velocities(state, 1.0, (0.0, 1.0), branches="longitudinal")
+    np.testing.assert_allclose(pulses.group, long, rtol=1e-9)
+    # frequencies in front of the loads: each frequency of each load is that of one state
+    many = gp.pulse_velocities(state, [[1e3], [3e4]], (0.0, 1.0), branches="longitudinal").group
+    for place in (0, 1):
+        one = gp.pulse_velocities(state[place], [1e3, 3e4], (0.0, 1.0), branches="longitudinal").group
+        np.testing.assert_allclose(many[0, :, place], one[0], rtol=1e-12)
+
+
 def test_the_exact_geometry_tends_to_the_lattice():
     forces = [exact(width).reduced_force for width in (2.04e-5, 2.04e-6, 2.04e-7)]
     limit = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.2 * W)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +25,7 @@ from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
+from granphon.base.validation import require, truth
 from granphon.fits.goodness import Goodness, compute_leverages, compute_probability
 from granphon.fits.least_squares import FitProblem, explain_undetermined, find_best, find_covariance
 from granphon.fits.measurements import Measurements
@@ -153,11 +154,14 @@ class WidthFit(Result):
                 )
             )
         choice = MediumChoice.parse(medium or self.choice)
+        # samples in their exact geometry have finite overlap of themselves: nobody has asked for it of other media
+        asked = self.waves.finite_overlap and not self.choice.is_exact
+        waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(asked))
         if choice.simulates:
             forces = real_array("force", force)
-            model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
+            model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
             return model(model.find_start(self.packing.width))[0].reshape(forces.shape)[()]
-        return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
+        return waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap))[0][()]
 
     def said_units(self) -> dict[str, str]:
         """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
@@ -222,13 +226,16 @@ def fit_width(
     frequency : frequency of the pulses, Hz, one number or (n,): velocities are then group velocities. If left out, they are
         velocities of long waves.
     medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls at every width, with
-        deviations in proportion to it. A dozen equilibria for a decade of force serve all widths, by interpolation.
+        deviations in proportion to it. A dozen equilibria for a decade of force serve all widths, by interpolation. In the
+        exact geometry, and for a history that starts at a load, they serve one width: they are solved again at the fitted
+        parameters until those change by less than 1e-3 of them.
     parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too; without "width" the packing keeps
         its spread. If its balls are equal then, every medium is the averaged lattice.
     branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead of the latter.
     direction : direction of propagation, (p,) for a lattice with p periods; by default along its last axis. In the plane
         that is (0, 1), across a row of touching balls, from side to side of the paper's hexagonal frame.
-    finite_overlap : keep the terms of relative order delta/d in the velocities; derivatives are those of the paper's limit.
+    finite_overlap : keep the terms of relative order delta/d in the velocities, as the exact geometry of a simulation always
+        does; derivatives are those of the paper's limit, and in the exact geometry those at constant W/d.
 
     Returns
     -------
@@ -243,16 +250,18 @@ def fit_width(
     InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
         parameters (a standard error above the parameter itself, parameters that have the same effect, velocities equal
         to those of equal balls or higher); loads or a frequency that the medium cannot carry; the medium "auto"; a lattice
-        without such waves, or without such a medium for balls that differ.
+        without such waves, or without such a medium for balls that differ; samples of so few balls that the parameters of
+        round after round differ.
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
     periods = packing.structure.periods
     along = np.eye(periods)[-1] if direction is None else direction
-    waves = Waves(branch, one_direction(along, periods), data.frequency, finite_overlap)
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium, packing.structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
+    asked = require("finite_overlap", truth, finite_overlap)
+    waves = Waves(branch, one_direction(along, periods), data.frequency, choice.has_finite_overlap(asked))
     if choice.is_automatic:
         what, why = (
             f"the medium {choice.label!r} cannot be used in a fit",
@@ -260,7 +269,7 @@ def fit_width(
         )
         raise InputError(message(what, why, "Name a medium"))
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
-    logs = find_best(problem)
+    problem, logs = find_best(problem)
     if data.sigma is None:
         problem = problem.with_scatter(logs)
     residuals, matrix = problem(logs)
@@ -278,7 +287,7 @@ def fit_width(
         covariance = np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
     loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.choice.simulates else data.force
-    state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=finite_overlap)
+    state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
         fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
         problem.sigma, found.given, data.velocity - residuals * problem.sigma, found.chi2, found.dof,
@@ -295,7 +304,8 @@ def convert_pressure(
 ) -> float:
     """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
 
-    With finite overlap it is that in the ``medium`` at the packing's own width.
+    With finite overlap, which the exact geometry of a simulation has too, it is that in the ``medium`` at the packing's own
+    width; for a simulation in the effective medium, whose overlaps differ from those of samples by less than W/100.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
     is proportional to it.
@@ -303,6 +313,10 @@ def convert_pressure(
     if "diameter" in fitted:
         why = "The contact force under a pressure is proportional to the diameter"
         raise InputError(message("the diameter is fitted, and pressures are given", why, "Give contact forces"))
-    # in the paper's limit the medium does not matter
-    choice = MediumChoice.parse(medium) if finite_overlap else MediumChoice("ala")
-    return float(choice.of(packing).at_pressure(pressure, finite_overlap=finite_overlap).force)
+    choice = MediumChoice.parse(medium)
+    finite = choice.has_finite_overlap(finite_overlap)
+    if not finite:  # in the paper's limit the medium does not matter
+        choice = MediumChoice("ala")
+    elif choice.simulates:  # a sample for each datum would take long
+        choice = MediumChoice("ema")
+    return float(choice.of(packing).at_pressure(pressure, finite_overlap=finite).force)

@@ -32,6 +32,8 @@ _NEAR_TOP = 0.98
 _LEAST_RATIO = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
 _SAME_EFFECT = 1e-6
+#: number of times that samples are simulated at the parameters found last, where they do not serve all
+_MOST_SIMULATED = 12
 #: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that counts as none
 _NO_EFFECT = 1e-9
 
@@ -95,6 +97,11 @@ class FitProblem:
         """Return the same problem in another medium."""
         return replace(self, model=replace(self.model, choice=MediumChoice(medium)))
 
+    def simulate_at(self, logs: Array) -> FitProblem:
+        """Return the problem whose samples are those at ``logs``: itself if they serve there."""
+        model = self.model.simulate_at(logs)
+        return self if model is self.model else replace(self, model=model)
+
     def with_scatter(self, logs: Array) -> FitProblem:
         """Return the same problem with sigma from the scatter about the fit at ``logs``."""
         residuals = self(logs)[0]
@@ -104,15 +111,30 @@ class FitProblem:
         return replace(self, sigma=np.full(residuals.shape, scatter))
 
 
-def find_best(problem: FitProblem) -> Array:
-    """Find the logarithms (p,) of the parameters with the least sum of squares.
+def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
+    """Find the logarithms (p,) of the parameters with the least sum of squares; the problem has the samples found there.
 
     For a simulation, the search starts from those of the effective medium.
     """
     if problem.model.choice.simulates:
-        return _descend(problem, find_best(problem.in_medium("ema")))
+        return _settle(problem, find_best(problem.in_medium("ema"))[1])
     found = (_descend(problem, start) for start in _find_starts(problem))
-    return min(found, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+    return problem, min(found, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+
+
+def _settle(problem: FitProblem, start: Array) -> tuple[FitProblem, Array]:
+    """Find the minimum from ``start`` with samples that belong to it: they are simulated again until they do."""
+    found, problem = start, problem.simulate_at(start)
+    for _ in range(_MOST_SIMULATED):
+        found = _descend(problem, found)
+        again = problem.simulate_at(found)
+        if again is problem:
+            return problem, found
+        problem = again
+    where = " and ".join(problem.model.names)
+    what = f"{where} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
+    why = "Forces of few balls jump when the width changes"
+    raise InputError(message(what, why, "Give the simulation more balls or samples, with a history a lower step_tolerance"))
 
 
 def _find_starts(problem: FitProblem) -> list[Array]:

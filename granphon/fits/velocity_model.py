@@ -7,7 +7,9 @@ the width, 1/2 - nu for the Young modulus and -1/4 - nu/2 for the diameter. In t
 0, 1/3 and -1/3: its velocities do not depend on the width.
 
 A simulation scales in the same way, so that its samples give one curve, which serves all widths. The curve is interpolated,
-because each contact that opens puts a cusp into the moduli of a sample, which is small but may have any slope.
+because each contact that opens puts a cusp into the moduli of a sample, which is small but may have any slope. Three things
+do not scale: the exact geometry of contacts, where k* depends on W/d too, a history that starts at a load in SI units, and
+the torsion of a Hertz contact. The curve is then that of one packing, and the fit makes it anew at the packing it finds.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
-from granphon.balls.packing import Packing
+from granphon.balls.loads import Load
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import change_packing
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
@@ -48,6 +51,14 @@ VARIABLE: Mapping[str, tuple[float, float]] = {
 }  # fmt: skip
 #: distance in log f* between the equilibria of a simulation: eight to a decade
 _NODE_SPACING = math.log(10.0) / 8.0
+#: width over diameter at which the curve of samples is made where any will do
+_ANY_WIDTH = 1e-4
+#: change in the logarithm of a parameter that a curve need not follow: in the exact geometry such a change of W/d changes
+#: velocities at a given f* by less than 1e-4 of them, and the curve itself has errors of 2e-4
+_SETTLED = 1e-3
+#: relative correction of a squared velocity below which a stiffness is not corrected again, and the most corrections: one
+#: is exact in the paper's limit; where the forces of contacts act too, each leaves about delta/d of the error before it
+_CORRECTED, _CORRECTIONS = 1e-12, 10
 #: relative step in the frequency of a pulse, from which the slope of its velocity is found
 _FREQUENCY_STEP = 1e-4
 
@@ -152,17 +163,22 @@ class _SampleCurve:
         if not nodes:
             return
         packing = self.medium.packing
-        state = self.medium.at_force(np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force)
+        force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
+        state = self.medium.at_force(force)
         found, _ = self.waves.velocity(state)
-        regular, _ = self.waves.velocity(_make_regular(state, state.normal_stiffness))
-        stiffness = state.normal_stiffness * (found / regular) ** 2
+        even, stiffness = _make_even(packing, force, self.waves.finite_overlap), np.asarray(state.normal_stiffness)
+        for _ in range(_CORRECTIONS):
+            part = (found / self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]) ** 2
+            stiffness = stiffness * part
+            if np.max(np.abs(part - 1.0)) < _CORRECTED:
+                break
         values = np.log(stiffness / packing.width_units.stiffness)
         self._known |= dict(zip(nodes, values.tolist(), strict=True))
 
 
-def _make_regular(state: ContactState, stiffness: Array) -> ContactState:
-    """Return a state under the same load on a regular lattice of contacts of this stiffness, N/m."""
-    return ContactState(state.packing, state.medium, state.law, state.force, state.overlap, stiffness)
+def _make_even(packing: Packing, force: Array, finite_overlap: bool) -> ContactState:
+    """Return the state of the regular lattice, whose contacts all carry the same force, N."""
+    return AveragedLattice(packing).at_force(force, finite_overlap=finite_overlap)
 
 
 @dataclass(frozen=True)
@@ -170,8 +186,9 @@ class VelocityModel:
     """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
 
     ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of them the packing keeps
-    its own. Raises :class:`InputError` for other names, or if the medium does not exist for the packing or with finite
-    overlap, or the lattice has no such waves.
+    its own. ``curve_at`` are the logarithms of the parameters at which samples are simulated, by default the packing's own.
+    Raises :class:`InputError` for other names, or if the medium does not exist for the packing or with finite overlap, or
+    the lattice has no such waves.
     """
 
     packing: Packing
@@ -179,6 +196,7 @@ class VelocityModel:
     choice: MediumChoice
     force: Array
     waves: Waves
+    curve_at: Array | None = None
 
     def __post_init__(self) -> None:
         for name in self.names:
@@ -191,7 +209,7 @@ class VelocityModel:
             raise InputError(message(what, mend="Give one or more, each at most once"))
         if self.waves.finite_overlap:
             no_simulation([self.choice])
-        self.choice.of(self.packing)
+        self.choice.of(self._sampled if self.choice.is_exact else self.packing)
         known = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
         if self.waves.branch not in known:
             what = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
@@ -206,6 +224,19 @@ class VelocityModel:
         """Logarithms (p,) of the packing's own parameters, with this width (m)."""
         own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
         return np.log([own[name] for name in self.names])
+
+    @property
+    def _scales(self) -> bool:
+        """Whether one curve of samples, in reduced units, serves all widths, moduli and diameters."""
+        starts_at_load = isinstance(self.choice.settings.get("start"), Load)
+        return not (self.choice.is_exact or starts_at_load or self.packing.torsion == MINDLIN)
+
+    def simulate_at(self, logs: Array) -> VelocityModel:
+        """Return the model whose samples are those at ``logs``: itself if they serve there."""
+        if not self.choice.simulates or self._scales:
+            return self
+        here = self.curve_at
+        return self if here is not None and np.max(np.abs(logs - here)) <= _SETTLED else replace(self, curve_at=logs)
 
     def find_tops(self, logs: Array) -> Array:
         """Highest frequency that a pulse can have at each force, (n,), Hz."""
@@ -264,15 +295,23 @@ class VelocityModel:
         if not self.choice.simulates:
             state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
             return state, np.asarray(local_exponent(state))
-        state = MediumChoice(AveragedLattice.name).of(packing).at_force(self.force)
-        value, slope = self._curve(np.log(state.reduced_force))
-        return _make_regular(state, packing.width_units.stiffness * np.exp(value)), 0.5 * slope
+        even = _make_even(packing, self.force, self.waves.finite_overlap)
+        value, slope = self._curve(np.log(even.reduced_force))
+        return replace(even, normal_stiffness=packing.width_units.stiffness * np.exp(value)), 0.5 * slope
+
+    @property
+    def _sampled(self) -> Packing:
+        """The packing whose samples are simulated."""
+        if self.curve_at is not None:
+            return self._make_packing(self.curve_at)
+        width = _ANY_WIDTH * self.packing.diameter
+        if not self._scales:
+            width = self.packing.width or width
+        return change_packing(self.packing, {"spread": self._widen(width)})
 
     @cached_property
     def _curve(self) -> _SampleCurve:
-        # the curve is in reduced units and depends on no width, modulus or diameter: any width will do
-        packing = change_packing(self.packing, {"spread": self._widen(1e-4 * self.packing.diameter)})
-        return _SampleCurve(packing, self.choice, self.waves)
+        return _SampleCurve(self._sampled, self.choice, self.waves)
 
     def fit_packing(self, logs: Array) -> Packing:
         """Return the packing with these parameters; listed diameters are shifted so that their mean is the diameter."""

@@ -105,7 +105,7 @@ def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str
     array has the shape of the load followed by that of the directions.
     """
     found, order = state.long_waves(direction), lattice_without_overlap(state).wave_names
-    ideal = _at_each_load(state, lambda lattice, _: lattice.sound_velocities(direction)[0])
+    ideal = lattice_waves(state, direction)[0] / _add_axes(velocity_scale(state), direction)
     return [np.asarray(found[..., i] / ideal[..., i]) for i in (order.index(n) for n in names)]
 
 

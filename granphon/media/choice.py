@@ -18,7 +18,7 @@ from granphon.base.validation import block, choice, number, read_inside, real_nu
 from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
-from granphon.media.loading import HISTORY_OPTIONS, LATTICE, START_SPACING, read_start, refuse_without_history
+from granphon.media.loading import EXACT, HISTORY_OPTIONS, LATTICE, START_SPACING, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
@@ -173,7 +173,7 @@ class MediumChoice:
     """
 
     name: str
-    options: tuple[tuple[str, Any], ...] = ()
+    options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
         name = require("medium", partial(choice, options=tuple(MEDIA)), self.name)
@@ -238,6 +238,15 @@ class MediumChoice:
     def simulates(self) -> bool:
         """Whether it is a :class:`~granphon.media.simulation.DirectSimulation`."""
         return self.name == DirectSimulation.name
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it simulates balls in their exact geometry, which have finite overlap whether or not it is asked for."""
+        return bool(self.settings.get("geometry") == EXACT)
+
+    def has_finite_overlap(self, asked: bool) -> bool:
+        """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
+        return asked or self.is_exact
 
     @property
     def is_automatic(self) -> bool:
@@ -338,7 +347,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     A simulation has no terms of finite overlap.
     """
     for one in media:
-        if one.is_automatic or (one.simulates and one.settings["geometry"] == LATTICE):
+        if one.is_automatic or (one.simulates and not one.is_exact):
             raise no_finite_overlap(one.label)
 
 

@@ -29,9 +29,9 @@ from granphon.media.medium import Option
 from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
-    "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "START_SPACING", "LoadedBalls", "Loading", "Pressed", "find_ratio",
-    "press", "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history", "require_above",
-    "require_path",
+    "EXACT", "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "START_SPACING", "LoadedBalls", "Loading", "Pressed",
+    "find_ratio", "press", "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history",
+    "require_above", "require_path",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -127,11 +127,9 @@ def pulse_velocities(
     # each load has its own
     parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
     if not has_one_lattice(state):
-        force, overlap, stiffness = (
-            np.broadcast_to(values, shape).ravel() for values in (state.force, state.overlap, state.normal_stiffness)
-        )
-        every = replace(state, force=force, overlap=overlap, normal_stiffness=stiffness)
-        parts = [(every[index], slice(index, index + 1)) for index in range(target.shape[1])]
+        loads = np.broadcast_to(np.arange(np.size(state.force)).reshape(state.shape), shape).ravel().tolist()
+        each = [state[np.unravel_index(load, state.shape)] for load in range(np.size(state.force))]
+        parts = [(each[load], slice(index, index + 1)) for index, load in enumerate(loads)]
     wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, periods))
     for part, here in parts:
         wavenumber[:, here], vector[:, here] = _find_wavenumbers(
