@@ -135,6 +135,13 @@ def row_of(what: str, kind: str, loads: Sequence[float], values: tuple[Array, Ar
     return Row(f"{what}, {over(kind, loads)}", float(values[0][np.argmax(np.abs(values[0]))]), note=note)
 
 
+def row_of_medium(what: str, kind: str, loads: Sequence[float], values: Array) -> Row:
+    """The same of the effective medium, whose numbers have no error."""
+    return Row(
+        f"{what} of the medium, {over(kind, loads)}", float(np.max(values)), note=", ".join(f"{v:.4f}" for v in values)
+    )
+
+
 def with_error(value: float, error: float) -> str:
     """Such as 0.3423(5), and the number alone if there is no error."""
     return bracketed(float(value), float(error)) if error > 1e-9 else f"{value:g}"
@@ -173,16 +180,16 @@ def carried(mu: float) -> tuple[Array, Array]:
 
 
 def force(repeats: int) -> list[Row]:
-    """f*(a*) with friction over that without, the contacts, and the medium's."""
-    rows = []
+    """f*(a*) without friction, what friction adds to it, in arrays and in the medium, and the contacts that carry load."""
+    bare = over_samples([np.array([one.force for one in smooth(seed)]) for seed in range(SAMPLES)])
+    rows = [row_of("f* without friction", "a", SPACINGS, bare)]
     for mu in FRICTIONS[1:]:
         rows.append(row_of(f"what friction adds to f*, {named(mu)}", "a", SPACINGS, rises(mu)))
-    note = ", ".join(f"{rise:.4f}" for rise in medium_rise())
-    rows.append(
-        Row(f"what friction adds to f* of the medium, {over('a', SPACINGS)}", float(np.max(medium_rise())), note=note)
-    )
+    rows.append(row_of_medium("what friction adds to f*", "a", SPACINGS, medium_rise()))
     for mu in FRICTIONS:
         rows.append(row_of(f"part of the contacts that carries load, {named(mu)}", "f", FORCES, carried(mu)))
+    ideal = gp.EffectiveMedium(PACKING).at_force(np.array(FORCES) * UNIT)
+    rows.append(row_of_medium("part of the contacts that carries load", "f", FORCES, np.asarray(ideal.contact_fraction)))
     return rows
 
 
@@ -214,7 +221,7 @@ def sound(mu: float, springs: str = "stick") -> dict[str, tuple[Array, Array]]:
 
 def velocities(repeats: int) -> list[Row]:
     """k, G/K, and velocities of the medium and of statics without friction over those of arrays with friction."""
-    rows = []
+    rows = [row_of_medium("k", "f", FORCES, 2.0 * medium_moduli()[:, 0] / math.sqrt(3.0))]
     for mu in FRICTIONS:
         for springs in SPRINGS if 0.0 < mu < math.inf else SPRINGS[:1]:
             for name, found in sound(mu, springs).items():
