@@ -446,12 +446,17 @@ def widths_of(mu: float) -> tuple[float, float]:
 
 
 def widths(repeats: int) -> list[Row]:
-    """The width that the medium finds from the sound of arrays with friction."""
-    return [
-        Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error))
-        for mu in FRICTIONS
-        for value, error in [widths_of(mu)]
-    ]
+    """The width that the medium finds from the sound of arrays, and the balls' own where it finds that of the paper."""
+    rows = []
+    for mu in FRICTIONS:
+        value, error = widths_of(mu)
+        own = 1e6 * WIDTH / value
+        rows += [
+            Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error)),
+            Row(f"width of balls in which the medium finds {1e6 * WIDTH:g} um, {named(mu)}", own, "um",
+                note=bracketed(own, own * error / value)),
+        ]  # fmt: skip
+    return rows
 
 
 # -- energy -------------------------------------------------------------------------------------------------------------
