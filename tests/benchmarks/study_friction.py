@@ -2,7 +2,7 @@
 
     python tests/benchmarks/study_friction.py [--json FILE] [--only PART ...]
 
-Some ten minutes on one processor. Seeds are given: numbers are the same on any machine. The part ``figures`` draws the
+Half an hour on one processor. Seeds are given: numbers are the same on any machine. The part ``figures`` draws the
 page's figures into docs/images. Balls of steel of 8 mm, spread uniformly over 2.04 um, at rest without friction at
 a* = 1/2 and then pressed with friction; four arrays of 64 x 64, or of 32 x 32
 where they are let go again. Brackets hold the standard error of the last digits. A line
@@ -135,6 +135,13 @@ def row_of(what: str, kind: str, loads: Sequence[float], values: tuple[Array, Ar
     return Row(f"{what}, {over(kind, loads)}", float(values[0][np.argmax(np.abs(values[0]))]), note=note)
 
 
+def row_of_medium(what: str, kind: str, loads: Sequence[float], values: Array) -> Row:
+    """The same of the effective medium, whose numbers have no error."""
+    return Row(
+        f"{what} of the medium, {over(kind, loads)}", float(np.max(values)), note=", ".join(f"{v:.4f}" for v in values)
+    )
+
+
 def with_error(value: float, error: float) -> str:
     """Such as 0.3423(5), and the number alone if there is no error."""
     return bracketed(float(value), float(error)) if error > 1e-9 else f"{value:g}"
@@ -173,16 +180,16 @@ def carried(mu: float) -> tuple[Array, Array]:
 
 
 def force(repeats: int) -> list[Row]:
-    """f*(a*) with friction over that without, the contacts, and the medium's."""
-    rows = []
+    """f*(a*) without friction, what friction adds to it, in arrays and in the medium, and the contacts that carry load."""
+    bare = over_samples([np.array([one.force for one in smooth(seed)]) for seed in range(SAMPLES)])
+    rows = [row_of("f* without friction", "a", SPACINGS, bare)]
     for mu in FRICTIONS[1:]:
         rows.append(row_of(f"what friction adds to f*, {named(mu)}", "a", SPACINGS, rises(mu)))
-    note = ", ".join(f"{rise:.4f}" for rise in medium_rise())
-    rows.append(
-        Row(f"what friction adds to f* of the medium, {over('a', SPACINGS)}", float(np.max(medium_rise())), note=note)
-    )
+    rows.append(row_of_medium("what friction adds to f*", "a", SPACINGS, medium_rise()))
     for mu in FRICTIONS:
         rows.append(row_of(f"part of the contacts that carries load, {named(mu)}", "f", FORCES, carried(mu)))
+    ideal = gp.EffectiveMedium(PACKING).at_force(np.array(FORCES) * UNIT)
+    rows.append(row_of_medium("part of the contacts that carries load", "f", FORCES, np.asarray(ideal.contact_fraction)))
     return rows
 
 
@@ -214,7 +221,7 @@ def sound(mu: float, springs: str = "stick") -> dict[str, tuple[Array, Array]]:
 
 def velocities(repeats: int) -> list[Row]:
     """k, G/K, and velocities of the medium and of statics without friction over those of arrays with friction."""
-    rows = []
+    rows = [row_of_medium("k", "f", FORCES, 2.0 * medium_moduli()[:, 0] / math.sqrt(3.0))]
     for mu in FRICTIONS:
         for springs in SPRINGS if 0.0 < mu < math.inf else SPRINGS[:1]:
             for name, found in sound(mu, springs).items():
@@ -326,41 +333,44 @@ def starts(repeats: int) -> list[Row]:
 
 # -- the length of the steps ---------------------------------------------------------------------------------------------
 
-#: f* of loads that are each reached in one go from the start; tolerances of the steps, and that with which they are compared
-LONE_FORCES, TOLERANCES, FINE = (0.1, 0.3, 1.0), (1e-4, 1e-5), 1e-6
+#: f* of loads that are each reached in one go from the start; friction coefficients with which contacts slide
+LONE_FORCES, FINITE = (0.1, 0.3, 1.0), FRICTIONS[1:-1]
+#: tolerances of the steps: the default, a smaller one, and that of the velocities with which both are compared
+TOLERANCES, FINE = (1e-4, 1e-5), 1e-6
 
 
-def reach(mu: float, seed: int, force: float, tolerance: float) -> tuple[float, Array, int]:
-    """a* at a load reached in one go, (springs, 2) velocities v_L and v_T up to a factor, and the number of steps."""
+def reach(mu: float, seed: int, force: float, tolerance: float) -> tuple[Array, int]:
+    """(springs, 2) velocities v_L and v_T, up to a factor, at a load reached in one go, and the number of steps."""
     x, stencils = deviations(seed, SMALLER), Stencils(SMALLER, ETA)
     (state,) = LoadingHistory(x, stencils, mu, tolerance).path([Prescribed(force=force)])
-    pressed, found = PressedEquilibrium.of(state, x, stencils, 0.0).share(x, Stencils(SMALLER)), []
-    for springs in SPRINGS:
-        bulk, shear = bulk_and_shear(elasticity(pressed, pressed.shear_ratios(springs)))
-        found.append((math.sqrt(bulk + shear), math.sqrt(shear)))
-    return state.overlap + 0.5, np.array(found), state.steps
+    pressed = PressedEquilibrium.of(state, x, stencils, 0.0).share(x, Stencils(SMALLER))
+    found = np.array([bulk_and_shear(elasticity(pressed, pressed.shear_ratios(springs))) for springs in SPRINGS])
+    return np.sqrt(np.column_stack([np.sum(found, axis=1), found[:, 1]])), state.steps
+
+
+@cache
+def lone(mu: float, tolerance: float) -> tuple[Array, Array]:
+    """(samples, loads, springs, 2) velocities at :data:`LONE_FORCES`, and (loads,) mean numbers of steps."""
+    found = [[reach(mu, seed, force, tolerance) for force in LONE_FORCES] for seed in range(SAMPLES)]
+    counts = [[count for _, count in one] for one in found]
+    return np.array([[velocities for velocities, _ in one] for one in found]), np.mean(counts, axis=0)
 
 
 def steps(repeats: int) -> list[Row]:
-    """What the steps of the default tolerance, and of a smaller one, leave of error in velocities: the largest of all arrays."""
-    rows = []
-    for mu in (0.1, 0.2, 0.5):
+    """What steps leave of error in velocities, rms over the arrays, in %, and the number of steps."""
+    rows, at = [], over("f", LONE_FORCES)
+    for mu in FINITE:
         for tolerance in TOLERANCES:
-            found = []
-            for force in LONE_FORCES:
-                pairs = [[reach(mu, seed, force, one) for one in (tolerance, FINE)] for seed in range(SAMPLES)]
-                errors = 100.0 * np.array([np.abs(own[1] / fine[1] - 1.0) for own, fine in pairs])
-                spacing = max(abs(own[0] - fine[0]) for own, fine in pairs)
-                found.append(
-                    (np.max(errors, axis=0), spacing, np.mean([[one[2] for one in pair] for pair in pairs], axis=0))
-                )
-            for at, name in enumerate(SPRINGS):
-                note = "; ".join(f"{errors[at][0]:.2f}, {errors[at][1]:.2f}" for errors, _, _ in found)
-                worst = max(float(np.max(errors[at])) for errors, _, _ in found)
-                rows.append(Row(f"mu = {mu:g}, steps to {tolerance:g}, {name}: error of v_L, v_T in %", worst, note=note))
-            taken = ", ".join(f"{own:.0f} for {fine:.0f}" for _, _, (own, fine) in found)
-            largest = max(spacing for _, spacing, _ in found)
-            rows.append(Row(f"mu = {mu:g}, steps to {tolerance:g}: error of a*", largest, note=f"number of steps {taken}"))
+            errors = 100.0 * np.sqrt(np.mean((lone(mu, tolerance)[0] / lone(mu, FINE)[0] - 1.0) ** 2, axis=0))
+            for place, springs in enumerate(SPRINGS):
+                note = "; ".join(f"{long:.2f}, {across:.2f}" for long, across in errors[:, place])
+                what = f"error of v_L and v_T in %, {named(mu)}, steps to {tolerance:g}, springs: {springs}, {at}"
+                rows.append(Row(what, float(np.max(errors[:, place])), note=note))
+        for tolerance in (*TOLERANCES, FINE):
+            note = ", ".join(f"{count:.3g}" for count in lone(mu, tolerance)[1])
+            rows.append(
+                Row(f"number of steps to {tolerance:g}, {named(mu)}, {at}", float(lone(mu, tolerance)[1][-1]), note=note)
+            )
     return rows
 
 
@@ -436,12 +446,17 @@ def widths_of(mu: float) -> tuple[float, float]:
 
 
 def widths(repeats: int) -> list[Row]:
-    """The width that the medium finds from the sound of arrays with friction."""
-    return [
-        Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error))
-        for mu in FRICTIONS
-        for value, error in [widths_of(mu)]
-    ]
+    """The width that the medium finds from the sound of arrays, and the balls' own where it finds that of the paper."""
+    rows = []
+    for mu in FRICTIONS:
+        value, error = widths_of(mu)
+        own = 1e6 * WIDTH / value
+        rows += [
+            Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error)),
+            Row(f"width of balls in which the medium finds {1e6 * WIDTH:g} um, {named(mu)}", own, "um",
+                note=bracketed(own, own * error / value)),
+        ]  # fmt: skip
+    return rows
 
 
 # -- energy -------------------------------------------------------------------------------------------------------------
