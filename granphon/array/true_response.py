@@ -31,12 +31,10 @@ Map = Callable[[Array], Array]
 _RESPONSE_STEPS = 60_000
 #: relative residual of linear responses; the error of a stiffness is its square, without tangential forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps, and the part of the residual that is left by as many iterations where it comes no nearer
-_KEPT, _STALLED = 60, 0.5
-#: fraction of the forces of contacts that no motion of the balls takes away: on some lattices balls turn against each other
-#: like gears, and do so freely but for terms of the order (W/d)^2
-_FREE = 1e-8
-#: stiffness that holds balls which nothing holds, over the mean stiffness
+#: vectors that GMRES keeps
+_KEPT = 60
+#: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
+#: like gears, and what is left of torques, rounding among it, would turn them without limit
 _HOLDING = 1e-10
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
@@ -62,38 +60,38 @@ class ActingForces(NamedTuple):
     rolling: tuple[Any, Any] = (0.0, 0.0)
 
 
-def find_motions(
-    place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils, scales: Sequence[float] = ()
-) -> list[Array]:
+def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
     """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
 
-    ``scales`` are the norms of the contacts' forces of which each pull is what is left: it has the digits of these.
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
     inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
-    if not symmetric:
-        whole, alone = inverse, _invert_balls(place, acting, _HOLDING * stiff)
+    holding = 0.0 if symmetric else _HOLDING * stiff
+    if holding:
+        whole, alone = inverse, _invert_balls(place, acting, holding)
         inverse = lambda force: whole(force) + alone(force)  # noqa: E731
 
     def apply(vector: Array) -> Array:
         motion = Motion(vector.reshape(shape), 0.0)
-        return np.ravel(place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0])
+        change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
+        return np.ravel(change) + holding * vector
 
     def precondition(vector: Array) -> Array:
         return np.ravel(inverse(vector.reshape(shape)))
 
     found = []
-    for pull, scale in zip(pulls, scales or [0.0] * len(pulls), strict=True):
+    for pull in pulls:
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
             motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
             done = stable and taken < _RESPONSE_STEPS
         else:
-            motion, done = _solve_by_gmres(apply, precondition, right, scale)
+            # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
+            motion, done = _solve_by_gmres(apply, precondition, right, _NOISE * stiff * math.sqrt(right.size))
             stable = True
         if not done:
             why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
@@ -127,21 +125,15 @@ def _invert_balls(place: ExactPlace, acting: ActingForces, holding: float) -> In
     return apply
 
 
-def _solve_by_gmres(apply: Map, precondition: Map, right: Array, scale: float) -> tuple[Array, bool]:
-    """Return the solution, and whether no more is left than is asked for, or than no motion can take away."""
+def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float) -> tuple[Array, bool]:
     from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
 
-    size, aim = (right.size, right.size), 1e-2 * _RESPONSE * float(np.linalg.norm(right))
-    matrix, inverse = (LinearOperator(size, matvec=one, dtype=np.float64) for one in (apply, precondition))
-    found, left = np.zeros_like(right), math.inf
-    for _ in range(_RESPONSE_STEPS // _KEPT):
-        found, failed = gmres(matrix, right, found, rtol=0.0, atol=aim, restart=_KEPT, maxiter=1, M=inverse)
-        if not failed:
-            return found, True
-        before, left = left, float(np.linalg.norm(right - apply(found)))
-        if left > _STALLED * before and left <= _FREE * scale:
-            return found, True
-    return found, False
+    size = right.size, right.size
+    found, failed = gmres(
+        LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, atol=floor,
+        restart=_KEPT, maxiter=_RESPONSE_STEPS // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+    )  # fmt: skip
+    return found, not failed
 
 
 def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Array:
@@ -165,8 +157,7 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     none = (0.0, 0.0, 0.0)
     strains = [strain(a, b) for a, b in pairs]
     every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
-    scales = [math.sqrt(sum(float(np.sum(np.square(part))) for vector in one for part in vector)) for one in every]
-    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils, scales)
+    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
     # what is left of each strain once the balls have moved, and the forces against it
     tensor = np.zeros((len(pairs), len(pairs)))
     rest: list[Any] = []
