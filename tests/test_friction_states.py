@@ -618,6 +618,19 @@ def test_bad_paths(given, why):
         simulation().path(**given)
 
 
+def test_a_path_is_given_by_keyword_or_as_a_load():
+    forces, balls = [2.0, 1.0], simulation(shape=(4, 4), step_tolerance=1.0)
+    known = balls.path(force=forces)
+    assert balls.path(Load("force", forces)) == known
+    frame = Load("side_force", np.array(forces) * 31 * math.sqrt(3.0), 31)
+    np.testing.assert_allclose(balls.path(frame).overlap, known.overlap, rtol=1e-10)
+    for given in (forces, np.array(forces), 2.0, "up"):
+        with pytest.raises(InputError, match=r"a path takes no .* Give force=\[...\] \(N\), pressure=.* overlap="):
+            balls.path(given)
+    with pytest.raises(InputError, match="given as a Load and as overlap"):
+        balls.path(Load("force", forces), overlap=[0.1 * W])
+
+
 def test_what_a_history_does_not_have():
     with pytest.raises(InputError, match="a path needs friction_history"):
         gp.DirectSimulation(PACKING, (4, 4)).path(force=[1.0])
