@@ -19,9 +19,14 @@ from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
+from granphon.figures.bands import bands_figure
+from granphon.figures.sweep_lines import describe_lines
 from granphon.figures.sweeps import sweep_figure
+from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
+from granphon.scene.redraw import redraw
+from granphon.scene.several import read_run
 from granphon.sweeps.records import RecordedState, SampleRecord
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -627,6 +632,19 @@ def test_bad_paths(given, why):
         simulation().path(**given)
 
 
+def test_a_path_is_given_by_keyword_or_as_a_load():
+    forces, balls = [2.0, 1.0], simulation(shape=(4, 4), step_tolerance=1.0)
+    known = balls.path(force=forces)
+    assert balls.path(Load("force", forces)) == known
+    frame = Load("side_force", np.array(forces) * 31 * math.sqrt(3.0), 31)
+    np.testing.assert_allclose(balls.path(frame).overlap, known.overlap, rtol=1e-10)
+    for given in (forces, np.array(forces), 2.0, "up"):
+        with pytest.raises(InputError, match=r"a path takes no .* Give force=\[...\] \(N\), pressure=.* overlap="):
+            balls.path(given)
+    with pytest.raises(InputError, match="given as a Load and as overlap"):
+        balls.path(Load("force", forces), overlap=[0.1 * W])
+
+
 def test_what_a_history_does_not_have():
     with pytest.raises(InputError, match="a path needs friction_history"):
         gp.DirectSimulation(PACKING, (4, 4)).path(force=[1.0])
@@ -709,6 +727,47 @@ def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
     assert given.plan.case.state.finite_overlap
     with pytest.raises(InputError, match="no terms of finite overlap"):
         gp.Scene.from_text(text)
+
+
+WIDE = SCENE.replace("2.04 um", "100 um").replace("2 N", "300 N").replace("{shape: 4 4", "{geometry: exact, shape: 4 4")
+
+
+def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monkeypatch):
+    given = gp.Scene.from_text(WIDE + "observe: [velocities, bands]\n")
+    result = given.run(tmp_path / "out", figures=False)
+    assert result.state.finite_overlap
+    assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
+    resolved = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
+    assert resolved == replace(given, source=resolved.source)
+    assert yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())["packing"]["finite_overlap"] is True
+    assert "finite overlap" in read_run(tmp_path / "out").state.facts["overlap"]
+    known = contact_lattice(result.state)
+    monkeypatch.setattr(gp.DirectSimulation, "at", None)  # its asymptotes are drawn without simulating again
+    drawn = []
+
+    def draw(asymptotes, **given):
+        drawn.append(asymptotes)
+        return bands_figure(asymptotes=asymptotes, **given)
+
+    monkeypatch.setattr("granphon.figures.bands.bands_figure", draw)
+    redraw(tmp_path / "out", tmp_path / "x.png", asymptotes=True)
+    assert drawn[0].sound_velocities((1.0, 0.0))[0] == pytest.approx(known.sound_velocities((1.0, 0.0))[0], rel=1e-12)
+
+
+def test_a_sweep_says_which_media_have_finite_overlap(tmp_path):
+    swept = gp.Scene.from_text(WIDE.replace("300 N", "[200 N, 300 N]")).run(tmp_path / "out")
+    assert (swept.dataset.attrs["finite_overlap"], "exponent" in swept.dataset.attrs) == (1, False)
+    assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
+    mixed = gp.Scene.from_text(WIDE.replace("medium: {", "medium: [ema, {").replace("0.1}}", "0.1}}]"))
+    assert not mixed.finite_overlap
+    found = replace(mixed, load=Load("force", [300.0])).run(tmp_path / "mixed")
+    assert (found.dataset.attrs["finite_overlap"], found.finite_overlap) == (0, [False, True])
+    summary = yaml.safe_load((tmp_path / "mixed" / "summary.yaml").read_text())
+    assert summary["finite_overlap"] == [False, True]
+    lines = [facts["overlap"] for facts, _ in describe_lines(found.dataset, "longitudinal")]
+    assert lines == ["limit of small overlap", "finite overlap"]
+    every = replace(mixed, load=Load("force", [300.0]), finite_overlap=True).run(tmp_path / "every").dataset
+    assert (every.attrs["finite_overlap"], "exponent" in every.attrs) == (1, True)
 
 
 def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):

@@ -236,8 +236,10 @@ def measure_tradeoff(
         open_store(work, force) as store,
     ):
         with open_executor(workers, scheduler) as executor:
+            # of simulations in their exact geometry the scene has not asked for it, and media are compared in the limit
+            asked = read.finite_overlap and not all(one.is_exact for one in read.media)
             found = tradeoff(
-                read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds,
+                read.packing, **given, observe=read.observe, finite_overlap=asked, budget=seconds,
                 most_loads=loads, runs=runs, progress=on_stderr(quiet), executor=executor, store=store,
             )  # fmt: skip
         failures = {} if locked is None else _stage_study(locked, write, figure)

@@ -14,9 +14,10 @@ from granphon.base.quantities import LOADS
 from granphon.base.results import restore
 from granphon.figures.curves import Curve
 from granphon.figures.style import readable_unit
-from granphon.figures.words import describe_medium, describe_parameter, list_facts
+from granphon.figures.words import describe_medium, describe_overlap, describe_parameter, list_facts
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
+from granphon.sweeps.dataset import list_finite_overlap
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -126,7 +127,8 @@ def read_curve(
 def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
     """Return for each line of a variable what it is, in words by kind, and its index in each dimension besides the load."""
     packing = read_packing(dataset)
-    base = {} if packing is None else list_facts(packing, bool(dataset.attrs.get("finite_overlap", 0)))
+    finite = list_finite_overlap(dataset)
+    base = {} if packing is None else list_facts(packing)
     found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
     if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"
@@ -139,7 +141,8 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
             told = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
             facts[told[0]] = told[1]
         for m, medium in enumerate(media):
-            found.append((facts | {"medium": medium}, at | {"medium": m}))
+            overlap = {} if packing is None else {"overlap": describe_overlap(finite[m])}
+            found.append((facts | overlap | {"medium": medium}, at | {"medium": m}))
     return found
 
 

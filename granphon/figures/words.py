@@ -15,6 +15,7 @@ __all__ = [
     "DEFAULTS",
     "MEDIA",
     "describe_medium",
+    "describe_overlap",
     "describe_parameter",
     "find_differing",
     "join_facts",
@@ -113,7 +114,12 @@ def list_facts(packing: Packing, finite_overlap: bool = False) -> dict[str, str]
     )  # fmt: skip
     if spread is not None and packing.width and kind != "uniform":
         facts["spread"] += f" ({kind})"
-    return facts | {"overlap": "finite overlap" if finite_overlap else "limit of small overlap"}
+    return facts | {"overlap": describe_overlap(finite_overlap)}
+
+
+def describe_overlap(finite: bool) -> str:
+    """Return in words whether states have the terms of relative order delta/d."""
+    return "finite overlap" if finite else "limit of small overlap"
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:

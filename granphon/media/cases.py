@@ -66,7 +66,7 @@ class Grid:
     def cases(self) -> tuple[Case, ...]:
         """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an impossible packing."""
         return tuple(
-            Case(where, packing, medium, self.load, self.finite_overlap)
+            Case(where, packing, medium, self.load, medium.has_finite_overlap(self.finite_overlap))
             for where, packing in combine(self.packing, self.axes)
             for medium in self.media
         )

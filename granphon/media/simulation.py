@@ -22,7 +22,7 @@ from granphon.array.sample import Sample, standard_error
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
@@ -370,20 +370,21 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         return SimulatedState.of(self, samples, load, overlap_given)
 
     def path(
-        self, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None, overlap: ArrayLike | None = None,
-        progress: Progress = silent,
+        self, load: Load | None = None, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None,
+        overlap: ArrayLike | None = None, progress: Progress = silent,
     ) -> SimulatedState:  # fmt: skip
         """Return the states at loads that are applied in the order given: up, down, in cycles.
 
-        Exactly one of force (N), pressure and overlap (m) is a list. The path begins at :attr:`start`, from where the first
-        load is reached. Raises :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has
-        no meaning; and what :meth:`at` raises. If a load is not reached, the error's ``reached`` is the state at those
-        before it, None if there is none.
+        Exactly one of force (N), pressure and overlap (m) is a list, or ``load`` is a
+        :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from where the first load is
+        reached. Raises :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has no
+        meaning, and for numbers that do not say which load they are; and what :meth:`at` raises. If a load is not reached,
+        the error's ``reached`` is the state at those before it, None if there is none.
         """
         if self.loading is None:
             why = "Without friction the forces do not depend on the way to the load"
             raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
-        load = Load.only(force=force, pressure=pressure, overlap=overlap)
+        load = _read_path(load, force=force, pressure=pressure, overlap=overlap)
         simulation = replace(self, ordered=True)
         loading, prescribed = replace(self.loading, ordered=True), simulation.prescribed(load)
         return simulation._press(loading, load, prescribed, overlap_given=False, progress=progress)
@@ -444,6 +445,18 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
             return False
         by_force = loading.start.overlap is None
         return any((one.overlap is None) != by_force for one in self.prescribed(load))
+
+
+def _read_path(load: Any, **given: ArrayLike | None) -> Load:
+    """Return the applied loads of a path, which are a ``load`` or the one keyword that is not None."""
+    if load is None:
+        return Load.only(**given)
+    mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
+    if not isinstance(load, Load):
+        raise InputError(message(f"a path takes no {brief(load)}", "It does not say what kind of load that is", mend))
+    if kinds := [kind for kind, values in given.items() if values is not None]:
+        raise InputError(message(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one"))
+    return load.applied
 
 
 def no_finite_overlap(medium: str) -> InputError:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.staging import ResultFiles
+from granphon.base.text import parse_yaml, read_text
 from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
 from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
 from granphon.scene.sweep_figures import draw_sweep
+
+if TYPE_CHECKING:
+    from granphon.dynamics.modes import ContactLattice
 
 __all__ = ["redraw"]
 
@@ -123,11 +127,23 @@ def _draw_spectra(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
     dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
     lattice = None
     if asymptotes and bands is not None:
-        # imported here, as a figure without asymptotes does not need the media
-        from granphon.media.acoustics import contact_lattice, ideal_lattice
-        from granphon.scene.scene import Scene
-
-        scene = Scene.from_yaml(source / "scene.yaml")
-        # in the paper's limit the lattice in reduced units is the same under every load: no state is solved
-        lattice = contact_lattice(scene.state()) if scene.finite_overlap else ideal_lattice(scene.packing)
+        lattice = _find_lattice(source)
     return bands_figure(bands=bands, dos=dos, asymptotes=lattice)
+
+
+def _find_lattice(source: Path) -> ContactLattice:
+    """Return the lattice of contacts of the one state of a run; no array is simulated again."""
+    # imported here, as a figure without asymptotes does not need the media
+    from granphon.media.acoustics import contact_lattice, ideal_lattice
+    from granphon.media.state import ContactState
+    from granphon.scene.scene import Scene
+
+    scene = Scene.from_yaml(source / "scene.yaml")
+    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
+        return ideal_lattice(scene.packing)
+    if not scene.media[0].is_exact:
+        return contact_lattice(scene.state())
+    found = parse_yaml(read_text(source / "summary.yaml"), "summary.yaml").data
+    numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
+    medium, law = scene.media[0].name, scene.packing.law
+    return contact_lattice(ContactState(scene.packing, medium, law, **numbers, finite_overlap=True))

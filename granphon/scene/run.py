@@ -113,6 +113,11 @@ class RunResult(Summarised):
         own = tuple(dict.fromkeys((*self.validity.warnings, *found)))
         return own + warn_of_missing_error(self._exponents) + left_out + self.failures
 
+    @property
+    def finite_overlap(self) -> bool:
+        """Whether the numbers have the terms of relative order delta/d."""
+        return bool(self.state.finite_overlap)
+
     @cached_property
     def mechanism(self) -> MechanismError | None:
         """The error that the velocities of a mechanism raise; None if the lattice is rigid."""
@@ -222,6 +227,14 @@ class SweepResult(Summarised):
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each condition of validity that fails, with medium and parameters, and for each failed figure."""
         return (*json.loads(self.dataset.attrs["warnings"]), *self.failures)
+
+    @property
+    def finite_overlap(self) -> bool | list[bool]:
+        """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
+        from granphon.sweeps.dataset import list_finite_overlap  # here: a scene of one state does not need it
+
+        found = list_finite_overlap(self.dataset)
+        return found if len(set(found)) > 1 else found[0]
 
     def summary(self) -> dict[str, Any]:
         """Return the sizes of the dimensions, and the least and the greatest force, overlap and velocities in SI units.
@@ -434,7 +447,7 @@ def _write_summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[
             "versions": used,
             "source": None if scene.source is None else scene.source.name,
             "observe": scene.observe,
-            "finite_overlap": scene.finite_overlap,
+            "finite_overlap": result.finite_overlap,
             **numbers,
             **limits,
             "warnings": result.warnings,

@@ -58,7 +58,8 @@ class Scene:
     media : the ways to average over a spread of diameters, one or more; by default "ema" if the balls differ, else "ala".
         May be given as names ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
-    finite_overlap : keep the terms of relative order delta/d.
+    finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
+        which always have them.
     observe : which of "velocities", "bands", "dos", "spectrum", "pulse" to compute; the last two, and the density of states
         of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
@@ -114,6 +115,8 @@ class Scene:
             checks["direction"] = partial(rules.read_directions, lattice=lattice)
         for name, rule in checks.items():
             object.__setattr__(self, name, require(name, rule, getattr(self, name)))
+        if all(one.is_exact for one in self.media):
+            object.__setattr__(self, "finite_overlap", True)
         # in space ASE knows the path: a scene without bands does not ask it
         if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
             object.__setattr__(self, "band", BandPath.default(lattice))

@@ -17,6 +17,7 @@ from granphon.base.quantities import LOADS
 from granphon.base.text import versions
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.cases import Grid, label_warnings
+from granphon.media.loading import EXACT
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
@@ -27,7 +28,7 @@ from granphon.sweeps.workers import packages
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["Way", "collect_identity", "fill", "make_frame"]
+__all__ = ["Way", "collect_identity", "fill", "list_finite_overlap", "make_frame"]
 
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
@@ -73,7 +74,8 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
-    load, finite, packing = grid.load, grid.finite_overlap, grid.cases[0].packing
+    load, packing = grid.load, grid.cases[0].packing
+    finite = [one.has_finite_overlap(grid.finite_overlap) for one in grid.media]
     loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
@@ -91,7 +93,7 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
-        "finite_overlap": int(finite), "direction": along,
+        "finite_overlap": int(all(finite)), "direction": along,
     }  # fmt: skip
     variables: dict[str, Any] = {} if way is None else _list_path_variables(way, finite)
     if (waves := grid.waves) is not None:
@@ -103,9 +105,15 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
-    if finite:
+    if grid.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
+
+
+def list_finite_overlap(dataset: Dataset) -> list[bool]:
+    """Return for each medium of a sweep whether its states have finite overlap; False where a data set does not tell."""
+    everywhere, labels = bool(dataset.attrs.get("finite_overlap", 0)), np.atleast_1d(dataset["medium"].values)
+    return [everywhere or f"geometry={EXACT}" in str(label) for label in labels]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
@@ -219,9 +227,9 @@ def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, st
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
 
 
-def _list_path_variables(way: Way, finite_overlap: bool) -> dict[str, Any]:
+def _list_path_variables(way: Way, finite_overlap: Sequence[bool]) -> dict[str, Any]:
     # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
-    unit = "1/a" if finite_overlap else "1/d"
+    unit = "1/a" if all(finite_overlap) else "1/d" + ", or 1/a of media with finite overlap" * any(finite_overlap)
     return {
         "qpoints": (
             ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
