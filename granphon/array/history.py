@@ -112,6 +112,11 @@ class LoadingHistory:
         self._patches = Patches(self.stencils)
         self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
 
+    @property
+    def ratio(self) -> float:
+        """W/d; zero where contacts keep the directions of the lattice."""
+        return self._geometry.ratio
+
     # -- the path ---------------------------------------------------------------------------------------------------
 
     def begin(self) -> PressedArray:
@@ -125,7 +130,7 @@ class LoadingHistory:
         load = Prescribed(overlap=START_SPACING - 0.5) if self.start is None else self.start
         state = self._rest(load, smooth) if isinstance(load, Prescribed) else load
         assert isinstance(state, Equilibrium)
-        ratio = self._geometry.ratio
+        ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
             same = load if isinstance(load, Prescribed) else Prescribed(overlap=state.overlap)
             state = equilibrate_in_truth(self.deviations, same, ratio, smooth, state)
@@ -245,7 +250,7 @@ class LoadingHistory:
                 trail = [*trail[-2:], self._arrive(trail, trial)]
                 failed -= trial.newton
                 ahead.pop()
-            elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
+            elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED or self._measure(here, ahead[-1]) == self._aim(ahead[-1]):
                 last = f"it was last at an overlap of {trail[-1].overlap:.6g} widths, f* = {trail[-1].force:.3g}"
                 raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
             else:
