@@ -9,9 +9,9 @@ to rest or give way, in steps of time that grow: dashpots are weakened from step
 are taken away. If the array then bears at least half of this force, in balance, it stands, and its history begins there; if
 it gives way before, or is not at rest after many steps, it is pressed on.
 
-In the true geometry contacts push balls aside, with W/d of their force. Where too few contacts resist, as in sc of which half
-are open, an array gives way however slowly it is let go. Dashpots are then not weakened below several times that stiffness:
-if balls move faster from one step to the next, the array gives way.
+In the true geometry contacts push balls aside, with W/d of their force. Where too few contacts resist, as in sc of which
+half are open, an array gives way however slowly it is let go. Dashpots are then not weakened below several times that
+stiffness: if balls move faster from one step to the next, the array gives way.
 
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
 arrays; the tests state it.

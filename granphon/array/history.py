@@ -250,7 +250,9 @@ class LoadingHistory:
                 trail = [*trail[-2:], self._arrive(trail, trial)]
                 failed -= trial.newton
                 ahead.pop()
-            elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED or self._measure(here, ahead[-1]) == self._aim(ahead[-1]):
+            elif (
+                halvings == _MOST_HALVINGS or failed > _MOST_FAILED or self._measure(here, ahead[-1]) == self._aim(ahead[-1])
+            ):
                 last = f"it was last at an overlap of {trail[-1].overlap:.6g} widths, f* = {trail[-1].force:.3g}"
                 raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
             else:
