@@ -112,6 +112,11 @@ class LoadingHistory:
         self._patches = Patches(self.stencils)
         self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
 
+    @property
+    def ratio(self) -> float:
+        """W/d; zero where contacts keep the directions of the lattice."""
+        return self._geometry.ratio
+
     # -- the path ---------------------------------------------------------------------------------------------------
 
     def begin(self) -> PressedArray:
@@ -125,7 +130,7 @@ class LoadingHistory:
         load = Prescribed(overlap=START_SPACING - 0.5) if self.start is None else self.start
         state = self._rest(load, smooth) if isinstance(load, Prescribed) else load
         assert isinstance(state, Equilibrium)
-        ratio = self._geometry.ratio
+        ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
             same = load if isinstance(load, Prescribed) else Prescribed(overlap=state.overlap)
             state = equilibrate_in_truth(self.deviations, same, ratio, smooth, state)
@@ -249,7 +254,9 @@ class LoadingHistory:
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
                 last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
                 raise self._explain(load, f"no load is left on the balls; {last}", "End the path before this load")
-            elif halvings == _MOST_HALVINGS or failed > _MOST_FAILED:
+            elif (
+                halvings == _MOST_HALVINGS or failed > _MOST_FAILED or self.measure(here, ahead[-1]) == self._aim(ahead[-1])
+            ):
                 last = f"it was last at an overlap of {trail[-1].overlap:.6g} widths, f* = {trail[-1].force:.3g}"
                 raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
             else:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from granphon.array.array_rows import number_cells
 from granphon.array.stencils import Stencils
 
-__all__ = ["MOST_BALLS", "Preconditioners", "factorise_contacts"]
+__all__ = ["MOST_BALLS", "Preconditioners", "compose_rows", "factorise_contacts"]
 
 Array = NDArray[np.float64]
 Inverse = Callable[[Array], Array]
@@ -88,6 +89,24 @@ class Preconditioners:
         return factorise_contacts(i, j, head, tail, stiffness.reshape(len(rows), -1))
 
 
+def compose_rows(
+    i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, kind: NDArray[np.intp], contact: NDArray[np.intp]
+) -> Any:
+    """Return C as a sparse matrix, with a row for each deformation ``kind`` of a ``contact``.
+
+    Other arguments are those of :func:`factorise_contacts`; columns are (fields, balls).
+    """
+    from scipy.sparse import csr_array  # imported here: most simulations do not need it
+
+    fields, balls, entries = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
+    for ends, row in ((j, head), (i, -tail)):
+        for field in range(fields):
+            here = np.flatnonzero(row[kind, field])
+            entries.append((row[kind[here], field], here, balls * field + ends[kind[here], contact[here]]))
+    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    return csr_array((values, (rows, columns)), shape=(kind.size, fields * balls))
+
+
 def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, stiffness: Array) -> Inverse:
     """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
 
@@ -101,21 +120,17 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     head, tail : (kinds, n) rows of C.
     stiffness : (kinds, contacts), not negative.
     """
-    from scipy.sparse import csr_array, diags_array, eye_array  # imported here: most simulations do not need them
+    from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
     from scipy.sparse.linalg import splu
 
     fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
     stiff = stiffness > _STIFF * mean
     kind, contact = np.nonzero(stiff)
     soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, balls), _LEAST_DIAGONAL * mean)
-    entries = []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
             diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
-            here = np.flatnonzero(row[kind, field])
-            entries.append((row[kind[here], field], here, balls * field + ends[kind[here], contact[here]]))
-    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-    c = csr_array((values, (rows, columns)), shape=(kind.size, fields * balls))
+    c = compose_rows(i, j, head, tail, kind, contact)
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
     scale = 1.0 / np.sqrt(matrix.diagonal())
     matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)

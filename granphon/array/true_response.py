@@ -20,6 +20,7 @@ from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactPlace
+from granphon.array.true_inverse import factorise, invert_balls, is_small
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
@@ -59,6 +60,10 @@ class ActingForces(NamedTuple):
     shears: Array
     rolling: tuple[Any, Any] = (0.0, 0.0)
 
+    def mean(self, stencils: Stencils) -> float:
+        """Return the mean normal stiffness of contacts."""
+        return float(np.mean(self.springs[: stencils.n_contacts]))
+
 
 def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
     """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
@@ -67,12 +72,9 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
-    stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
+    stiff = acting.mean(stencils)
+    inverse = _choose_inverse(place, acting, stencils)
     holding = 0.0 if symmetric else _HOLDING * stiff
-    if holding:
-        whole, alone = inverse, _invert_balls(place, acting, holding)
-        inverse = lambda force: whole(force) + alone(force)  # noqa: E731
 
     def apply(vector: Array) -> Array:
         motion = Motion(vector.reshape(shape), 0.0)
@@ -100,29 +102,17 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     return found
 
 
-def _invert_balls(place: ExactPlace, acting: ActingForces, holding: float) -> Inverse:
-    """Return what moves each ball under a force while its neighbours are held, with the forces that act.
-
-    A ball whose contacts all slide is held by these forces alone, W/d of the others: of it the preconditioners of the
-    lattice know nothing.
-    """
-    frame = place.geometry.frame
-    count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
-    head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
-    blocks = np.zeros((count, count, frame.n_balls, *frame.shape))
-    for row, forces in enumerate(place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)):
-        for kind, (shift, (i, j)) in enumerate(zip(frame.shifts, frame.ends, strict=True)):
-            for end, rows, step in ((i, tail[:, kind, i], (0,) * len(shift)), (j, head[:, kind, j], shift)):
-                found = np.roll(np.tensordot(rows, forces[:, kind], (0, 0)), step, axes)
-                blocks[:, :, end] += found[:, None] * rows[row].reshape(-1, *(1,) * len(shift))
-    blocks = np.moveaxis(blocks.reshape(count, count, -1), 2, 0)
-    inverse = np.linalg.inv(blocks + holding * np.eye(count))
-
-    def apply(force: Array) -> Array:
-        by_ball = force.reshape(frame.n_balls, count, -1).swapaxes(1, 2).reshape(-1, count, 1)
-        return (inverse @ by_ball).reshape(frame.n_balls, -1, count).swapaxes(1, 2).reshape(force.shape)
-
-    return apply
+def _choose_inverse(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Inverse:
+    """Return a preconditioner; without tangential forces that of the lattice, for which it has to be positive definite."""
+    frame, symmetric = place.geometry.frame, not np.any(acting.shears)
+    tables = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
+    if not symmetric and is_small(frame):
+        return factorise(frame, tables, acting.mean(stencils))
+    whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+    if symmetric:
+        return whole
+    alone = invert_balls(frame, tables, acting.mean(stencils))
+    return lambda force: whole(force) + alone(force)
 
 
 def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float) -> tuple[Array, bool]:

@@ -1,0 +1,84 @@
+"""Approximate inverses of the matrix of small motions of an array in its true geometry, with the forces that act.
+
+A ball whose contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the
+forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these, and
+iterations with them hardly come to an end. So the whole matrix of a small array is factorised (sparse LU); in a larger one,
+what the forces do to each ball alone is added to the preconditioner of the lattice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.array_rows import number_cells
+from granphon.array.geometry import Inverse
+from granphon.array.preconditioners import compose_rows
+from granphon.array.stencils import Stencils
+
+__all__ = ["factorise", "invert_balls", "is_small"]
+
+Array = NDArray[np.float64]
+#: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the time and the memory that
+#: factors take grow faster than it
+_MOST_BALLS = (2**12, 2**12, 2**9)
+#: stiffness that holds balls which nothing holds, over the mean stiffness
+_HOLDING = 1e-10
+
+
+def is_small(stencils: Stencils) -> bool:
+    """Return whether an array is small enough for factors of its matrix."""
+    return math.prod(stencils.shape) * stencils.n_balls <= _MOST_BALLS[len(stencils.shape) - 1]
+
+
+def factorise(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inverse:
+    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the whole matrix.
+
+    ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
+    ``stiffness`` is the mean one of contacts.
+    """
+    from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
+    from scipy.sparse.linalg import splu
+
+    j = number_cells(frame.shape, [row.shift for row in frame.rows])
+    number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
+    c = compose_rows(i, j, *frame.coefficients, *np.divmod(number, j.shape[1]))
+    columns = np.array(list(tables))
+    of_contact = number.reshape(1, len(columns), -1)
+    at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
+    d: Any = coo_array((columns.ravel(), (at[0], at[1])), shape=(j.size, j.size)).tocsr()
+    matrix = c.T.tocsr() @ (d @ c) + _HOLDING * stiffness * eye_array(c.shape[1])
+    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
+
+    def hold(fields: Array) -> Array:
+        """Return motions without that of the whole array, or forces without that on it: nothing resists it."""
+        held = fields.reshape(frame.n_balls, frame.motions.count, *frame.shape).copy()
+        moved = held[:, frame.motions.translating]
+        moved -= np.mean(moved, axis=(0, *range(2, moved.ndim)), keepdims=True)
+        return held.reshape(fields.shape)
+
+    return lambda force: hold(np.asarray(factors.solve(hold(force).ravel())).reshape(force.shape))
+
+
+def invert_balls(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inverse:
+    """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`factorise`."""
+    count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
+    head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
+    blocks = np.zeros((count, count, frame.n_balls, *frame.shape))
+    for row, forces in enumerate(tables):
+        for kind, (shift, (i, j)) in enumerate(zip(frame.shifts, frame.ends, strict=True)):
+            for end, rows, step in ((i, tail[:, kind, i], (0,) * len(shift)), (j, head[:, kind, j], shift)):
+                found = np.roll(np.tensordot(rows, forces[:, kind], (0, 0)), step, axes)
+                blocks[:, :, end] += found[:, None] * rows[row].reshape(-1, *(1,) * len(shift))
+    by_ball = np.moveaxis(blocks.reshape(count, count, -1), 2, 0)
+    inverse = np.linalg.inv(by_ball + _HOLDING * stiffness * np.eye(count))
+
+    def apply(force: Array) -> Array:
+        forces = force.reshape(frame.n_balls, count, -1).swapaxes(1, 2).reshape(-1, count, 1)
+        return (inverse @ forces).reshape(frame.n_balls, -1, count).swapaxes(1, 2).reshape(force.shape)
+
+    return apply
