@@ -266,7 +266,9 @@ class LoadingHistory:
 
     @staticmethod
     def _name(load: Prescribed) -> str:
-        return f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
+        if load.overlap is None:
+            return f"f* = {load.force:.6g}"
+        return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
 
     def _explain(
         self, load: Prescribed, why: str, mend: str = "End the path before this load, or start at a higher load"
