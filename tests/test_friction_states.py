@@ -391,6 +391,28 @@ def test_a_path_costs_more_than_an_equilibrium():
     assert pressed.memory > rest.memory
 
 
+def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
+    """Without springs against slip the shear modulus has no deficit; it is that of the same samples without friction."""
+    smooth = replace(PACKING, friction=False)
+    names = {}
+    for mu, response in ((0.0, "slide"), (0.0, "partial_slip"), (0.0, "stick"), (0.2, "slide")):
+        balls = simulation(mu, shear_response=response, step_tolerance=1.0)
+        state = balls.at_overlap(0.05 * W)
+        names[mu, response] = {check.name for check in gp.validity(state).checks}
+        springs = state.sample.equilibrium.shear_ratios(response)[state.sample.equilibrium.contacts.carried]
+        assert balls.resists_slip == bool(np.any(springs)) == ("shear" in names[mu, response])
+        record = RecordedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
+        assert gp.validity(record).warnings == gp.validity(state).warnings
+    assert [found for found in names if "shear" in names[found]] == [(0.0, "stick"), (0.2, "slide")]
+    exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)
+    slid = simulation(0.0, step_tolerance=1e-3).at_overlap(0.05 * W)
+    assert gp.moduli(slid).shear == pytest.approx(gp.moduli(exact).shear, rel=1e-2)
+    assert "shear" in {check.name for check in gp.validity(gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.05 * W)).checks}
+    assert "shear" not in {
+        check.name for check in gp.validity(gp.DirectSimulation(smooth, (6, 6)).at_overlap(0.05 * W)).checks
+    }
+
+
 # -- the exact geometry, and other starts ---------------------------------------------------------------------------------
 
 
