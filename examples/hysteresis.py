@@ -68,8 +68,8 @@ with matplotlib.rc_context(STYLE):
                 spacing[part], mean[part], error[part], marker=marker, color=colour, mfc=fill, markersize=3.5, linewidth=0.8,
                 linestyle=":" if way == "up again" else "-", elinewidth=0.6, capsize=1.5, label=rf"$\mu$ = {mu}, {way}",
             )  # fmt: skip
-        parts = [one.mobilisation_distribution(20) for one in found[mu][top].samples]
-        right.stairs(np.mean([density for _, density in parts], axis=0), parts[0][0], color=colour, label=rf"$\mu$ = {mu}")
+        edges, density, _ = found[mu][top].mobilisation_distribution(20)
+        right.stairs(density, edges, color=colour, label=rf"$\mu$ = {mu}")
     ax.axhline(0.0, color=GUIDE, linewidth=0.6, zorder=0.5)
     ax.set(xlabel="$a^*$", ylabel="Force over that without friction, less 1 (%)")
     ax.legend(ncols=2, loc="upper right", columnspacing=1.0)

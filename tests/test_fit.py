@@ -671,6 +671,29 @@ def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency)
     assert_allclose(found, waves.velocity(state)[0], rtol=1e-3 if frequency else 1e-10)
 
 
+@pytest.mark.parametrize("frequency", [None, 2e4])
+@pytest.mark.parametrize("medium", ["ema", {"simulation": {"shape": (6, 6), "geometry": "exact"}}])
+def test_derivatives_with_finite_overlap(medium, frequency):
+    """At overlaps of 4 % of the diameter; of pulses but for terms of this order in how they disperse."""
+    waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, True)
+    between = 1.1 * HIGH  # the curve of samples bends at its own places
+    model = VelocityModel(WIDE, ("width", "young_modulus", "diameter"), MediumChoice.parse(medium), between, waves)
+    logs = model.find_start(WIDE.width)
+    slopes = model(logs)[1]
+    for column, move in enumerate(1e-3 * np.eye(3)):
+        difference = np.log(model(logs + move)[0] / model(logs - move)[0]) / 2e-3
+        assert_allclose(slopes[:, column], difference, rtol=1e-5 if frequency is None else 1e-2, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_two_parameters_are_fitted_with_finite_overlap(seed):
+    """At overlaps of 4 % of the diameter, to data that scatter."""
+    clean = velocities(WIDE, "ema", HIGH, finite_overlap=True)
+    noisy = clean * (1.0 + 0.004 * np.random.default_rng(seed).standard_normal(len(HIGH)))
+    fit = fit_width(WIDE, HIGH, noisy, 0.004 * clean, parameters=("width", "young_modulus"), finite_overlap=True)
+    assert np.all(np.abs(fit.values - (WIDE.width, STEEL.young_modulus)) < 3.0 * fit.stderrs)
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -694,6 +717,16 @@ def test_samples_that_belong_to_one_width_give_it(options):
         limit = {"simulation": {"shape": (6, 6), **options, "geometry": "lattice"}}
         assert fit_width(BALLS, HIGH[2:], data, 1.0, medium=limit).width > 1.15 * WIDE.width
         assert not np.allclose(fit.velocity_at(HIGH[2:], limit), fit.velocities, rtol=5e-3)
+
+
+@pytest.mark.parametrize("factor", [1.02, 1.5])
+def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor):
+    given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
+    ideal = velocities(BALLS, "ala", HIGH, finite_overlap=True)
+    with pytest.raises(InputError, match=r"% above those of equal balls\. A spread of diameters slows sound"):
+        fit_width(BALLS, HIGH, factor * ideal, 1.0, medium=given)
+    with pytest.raises(InputError, match="the width cannot be told from zero"):
+        fit_width(BALLS, HIGH, ideal, 1.0, medium=given, parameters=("width", "young_modulus"))
 
 
 def test_parameters_that_do_not_settle_are_refused(monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -224,6 +225,44 @@ def test_coulombs_limit_holds_and_is_counted():
     assert cube().sample.rotations.shape == (3, 3, 3, 3)
 
 
+@pytest.mark.parametrize("given", [{}, {"shape": (3, 3, 3), "packing": SPACE}, {"geometry": "exact"}])
+def test_tangential_over_normal_forces_are_distributed_whatever_the_friction(given):
+    states = simulation(math.inf, samples=2, step_tolerance=1.0, start=0.6, **given).at_overlap(np.array([0.2, 0.4]) * W)
+    edges, density, error = states.tangential_ratio_distribution(20, 0.6)
+    each = []
+    for sample in states.samples:
+        normal = sample.contact_forces
+        carried = normal > 1e-6 * sample.force
+        ratios = (np.linalg.norm(sample.tangential_forces, axis=-1)[carried]) / normal[carried]
+        assert np.max(ratios) > 0.05
+        each.append([np.mean((ratios >= low) & (ratios < high)) / (high - low) for low, high in itertools.pairwise(edges)])
+    np.testing.assert_allclose(edges, np.linspace(0.0, 0.6, 21), rtol=1e-14)
+    np.testing.assert_allclose([one.tangential_ratio_distribution(20, 0.6)[1] for one in states.samples], each, rtol=1e-9)
+    pairs = np.reshape(each, (2, 2, 20))
+    np.testing.assert_allclose(density, pairs.mean(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(error, np.abs(pairs[:, 0] - pairs[:, 1]) / 2.0, atol=1e-12)
+    with pytest.raises(InputError, match=r"no \|T\|/\(mu f\) where mu is inf\. .*Use tangential_ratio_distribution"):
+        states.mobilisation_distribution()
+
+
+def test_the_distributions_belong_together_where_friction_is_finite():
+    state = cycle()[1]
+    edges, density, error = state.tangential_ratio_distribution(10)
+    parts = state.mobilisation_distribution(10)
+    np.testing.assert_allclose(edges, 0.2 * parts[0], rtol=1e-14)
+    np.testing.assert_allclose(0.2 * density, parts[1], rtol=1e-12)
+    assert density[-1] * edges[1] >= state.sliding_fraction > 0.0  # those that slide are in the last bin
+    assert np.all(np.isnan(error))  # of one sample
+    none = simulation(0.0).at_overlap(0.2 * W)
+    edges, density, _ = none.tangential_ratio_distribution(10)
+    assert density.tolist() == [pytest.approx(10.0)] + [0.0] * 9
+    with pytest.raises(InputError, match="where mu is 0"):
+        none.sample.mobilisation_distribution()
+    rest = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.2 * W)
+    with pytest.raises(InputError, match=r"no tangential_ratio_distribution.*Give friction_history=True"):
+        rest.tangential_ratio_distribution()
+
+
 def test_work_is_the_integral_of_the_force():
     overlaps = np.linspace(0.0, 0.3, 13)
     rest = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.0)
@@ -350,6 +389,28 @@ def test_a_path_costs_more_than_an_equilibrium():
     rest, pressed = (estimate(one, load) for one in (gp.DirectSimulation(PACKING, (64, 64)), simulation(shape=(64, 64))))
     assert pressed.work > 2.0 * rest.work
     assert pressed.memory > rest.memory
+
+
+def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
+    """Without springs against slip the shear modulus has no deficit; it is that of the same samples without friction."""
+    smooth = replace(PACKING, friction=False)
+    names = {}
+    for mu, response in ((0.0, "slide"), (0.0, "partial_slip"), (0.0, "stick"), (0.2, "slide")):
+        balls = simulation(mu, shear_response=response, step_tolerance=1.0)
+        state = balls.at_overlap(0.05 * W)
+        names[mu, response] = {check.name for check in gp.validity(state).checks}
+        springs = state.sample.equilibrium.shear_ratios(response)[state.sample.equilibrium.contacts.carried]
+        assert balls.resists_slip == bool(np.any(springs)) == ("shear" in names[mu, response])
+        record = RecordedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
+        assert gp.validity(record).warnings == gp.validity(state).warnings
+    assert [found for found in names if "shear" in names[found]] == [(0.0, "stick"), (0.2, "slide")]
+    exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)
+    slid = simulation(0.0, step_tolerance=1e-3).at_overlap(0.05 * W)
+    assert gp.moduli(slid).shear == pytest.approx(gp.moduli(exact).shear, rel=1e-2)
+    assert "shear" in {check.name for check in gp.validity(gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.05 * W)).checks}
+    assert "shear" not in {
+        check.name for check in gp.validity(gp.DirectSimulation(smooth, (6, 6)).at_overlap(0.05 * W)).checks
+    }
 
 
 # -- the exact geometry, and other starts ---------------------------------------------------------------------------------

@@ -244,6 +244,12 @@ class FrictionLaw:
         limit = mu * forces
         return np.minimum(np.divide(contacts.tangential, limit, out=np.zeros_like(limit), where=limit > 0.0), 1.0)
 
+    def ratios(self, contacts: Contacts) -> Array:
+        """Return (n_c, L1, ..., Lp) |T| over the normal force f, at most mu; zero where balls are apart."""
+        forces = contacts.forces
+        found = np.divide(contacts.tangential, forces, out=np.zeros_like(forces), where=forces > 0.0)
+        return np.minimum(found, self.friction_coefficient)
+
     def sliding_fraction(self, contacts: Contacts) -> float:
         """Return the part of the contacts that carry load whose tangential force is at Coulomb's limit."""
         return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))

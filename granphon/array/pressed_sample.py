@@ -260,12 +260,28 @@ class PressedSample(Sample):
         """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu f."""
         return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
 
+    def tangential_ratio_distribution(self, bins: int = 50, largest: float | None = None) -> tuple[Array, Array]:
+        """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f``, that of the contacts that carry load.
+
+        The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts that slide have the
+        ratio mu. Over all ratios the density integrates to one.
+        """
+        here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
+        ratios = self.equilibrium.law.ratios(here)[here.carried]
+        end = (mu if 0.0 < mu <= 1.0 else 1.0) if largest is None else largest
+        counts, edges = np.histogram(ratios, bins, (0.0, end))
+        return edges, counts / (ratios.size * np.diff(edges))
+
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
         """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu f)``.
 
-        It is that of the contacts that carry load; those that slide are in the last bin.
+        It is that of the contacts that carry load; those that slide are in the last bin. Raises
+        :class:`~granphon.base.errors.InputError` if mu is zero or infinite.
         """
-        here = self.equilibrium.contacts
+        here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
+        if not 0.0 < mu < math.inf:
+            what, why = f"there is no |T|/(mu f) where mu is {mu:g}", "Coulomb's limit mu f is zero, or infinite"
+            raise InputError(message(what, why, "Use tangential_ratio_distribution, of |T|/f"))
         counts, edges = np.histogram(self.equilibrium.law.mobilise(here)[here.carried], bins, (0.0, 1.0))
         return edges, counts / (np.sum(counts) * np.diff(edges))
 

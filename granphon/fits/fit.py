@@ -235,7 +235,7 @@ def fit_width(
     direction : direction of propagation, (p,) for a lattice with p periods; by default along its last axis. In the plane
         that is (0, 1), across a row of touching balls, from side to side of the paper's hexagonal frame.
     finite_overlap : keep the terms of relative order delta/d in the velocities, as the exact geometry of a simulation always
-        does; derivatives are those of the paper's limit, and in the exact geometry those at constant W/d.
+        does. Standard errors in the exact geometry are those at constant W/d.
 
     Returns
     -------

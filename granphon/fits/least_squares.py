@@ -98,9 +98,16 @@ class FitProblem:
         return replace(self, model=replace(self.model, choice=MediumChoice(medium)))
 
     def simulate_at(self, logs: Array) -> FitProblem:
-        """Return the problem whose samples are those at ``logs``: itself if they serve there."""
-        model = self.model.simulate_at(logs)
-        return self if model is self.model else replace(self, model=model)
+        """Return the problem whose samples are those at ``logs``: itself if they serve there.
+
+        Raises :class:`~granphon.base.errors.InputError` for a width so small that the data do not determine it.
+        """
+        model, where = self.model.simulate_at(logs), self.model.width_index
+        if model is self.model:
+            return self
+        if where is not None and logs[where] < math.log(self.widths[0]):
+            raise explain_undetermined(self, logs, np.where(np.arange(len(logs)) == where, np.inf, 0.0))
+        return replace(self, model=model)
 
     def with_scatter(self, logs: Array) -> FitProblem:
         """Return the same problem with sigma from the scatter about the fit at ``logs``."""
@@ -131,8 +138,8 @@ def _settle(problem: FitProblem, start: Array) -> tuple[FitProblem, Array]:
         if again is problem:
             return problem, found
         problem = again
-    where = " and ".join(problem.model.names)
-    what = f"{where} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
+    names = " and ".join(problem.model.names)
+    what = f"{names} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
     why = "Forces of few balls jump when the width changes"
     raise InputError(message(what, why, "Give the simulation more balls or samples, with a history a lower step_tolerance"))
 

@@ -49,6 +49,8 @@ _BRANCHES = ("longitudinal", "transverse", "transverse_slow", "transverse_fast")
 VARIABLE: Mapping[str, tuple[float, float]] = {
     "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
 }  # fmt: skip
+#: step in the logarithm of a parameter, from which derivatives are found where overlap is finite
+_STEP = 1e-4
 #: distance in log f* between the equilibria of a simulation: eight to a decade
 _NODE_SPACING = math.log(10.0) / 8.0
 #: width over diameter at which the curve of samples is made where any will do
@@ -269,7 +271,7 @@ class VelocityModel:
         )
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms in the paper's limit.
+        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms, with the same samples.
 
         Raises :class:`~granphon.base.errors.InputError` where the packing, or the medium at these forces, has none.
         """
@@ -277,9 +279,19 @@ class VelocityModel:
         velocities, power = self.waves.velocity(state)
         constant, factor = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constant + np.multiply.outer(exponent, factor)
+        if self.waves.finite_overlap:
+            slopes = self._find_differences(logs)
         # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power = d log g / d log nu
         of_diameter = np.array([float(name == "diameter") for name in self.names])
         return velocities, slopes + power[:, None] * (of_diameter - slopes)
+
+    def _find_differences(self, logs: Array) -> Array:
+        """Return the derivatives (n, p) of the logarithm of the velocity of long waves, from differences."""
+        long, columns = replace(self.waves, frequency=None), list[Array]()
+        for move in _STEP * np.eye(len(logs)):
+            low, high = (long.velocity(self._find_state(self._make_packing(at))[0])[0] for at in (logs - move, logs + move))
+            columns.append(np.log(high / low) / (2.0 * _STEP))
+        return np.stack(columns, axis=1)
 
     def _make_packing(self, logs: Array) -> Packing:
         with np.errstate(over="ignore", under="ignore"):

@@ -264,6 +264,12 @@ class LoadedBalls(SampledBalls):
         return self.geometry == EXACT
 
     @property
+    def resists_slip(self) -> bool:
+        """Whether contacts have springs against slip under sound: not where all of them slide, as mu is zero."""
+        all_slide = self.friction_coefficient == 0.0 and self.shear_response != "stick"
+        return self.packing.mindlin_ratio > 0.0 and not all_slide
+
+    @property
     def ratio(self) -> float:
         """W/d in the true geometry of contacts; zero where they keep the directions of the lattice."""
         return find_ratio(self.packing, self.geometry)

@@ -91,6 +91,35 @@ class SampleMeans(ContactState):
         """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice)."""
         return self._average(lambda sample: sample.contact_fraction())
 
+    def tangential_ratio_distribution(self, bins: int = 50, largest: float | None = None) -> tuple[Array, Array, Array]:
+        """Return (bins + 1,) edges, and the probability density of ``|T|/f`` with its standard error, (..., bins).
+
+        Both have the shape of the load in front: the density is the mean over samples of
+        :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which describes ``bins`` and
+        ``largest``, and its error is nan of one sample. Raises :class:`~granphon.base.errors.InputError` without a history
+        of friction.
+        """
+        return self._average_distribution("tangential_ratio_distribution", bins, largest)
+
+    def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array, Array]:
+        """Return (bins + 1,) edges, and the probability density of ``|T|/(mu f)`` with its standard error, (..., bins).
+
+        See :meth:`tangential_ratio_distribution`; raises :class:`~granphon.base.errors.InputError` if mu is zero or infinite
+        too.
+        """
+        return self._average_distribution("mobilisation_distribution", bins)
+
+    def _average_distribution(self, name: str, *given: Any) -> tuple[Array, Array, Array]:
+        """Return the edges of a distribution of the samples, its mean over them, and the standard error of the mean."""
+        if not hasattr(self.samples[0], name):
+            what, why = f"there is no {name}", "Balls that come to rest without friction bear no tangential forces"
+            raise InputError(message(what, why, "Give friction_history=True to granphon.DirectSimulation"))
+        edges: Array = getattr(self.samples[0], name)(*given)[0]
+        each = self.over_samples(lambda sample: getattr(sample, name)(*given)[1])
+        axis = len(self.shape)
+        mean = np.mean(each, axis=axis)
+        return edges, mean, standard_error(each, axis) if self.n_samples > 1 else np.full_like(mean, np.nan)
+
     sliding_fraction = _average_history(
         "sliding_fraction", "Part of the contacts that carry load whose tangential force is at Coulomb's limit"
     )

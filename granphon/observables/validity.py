@@ -221,7 +221,8 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
     - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985:
       yield begins at 1.07);
     - for a simulation with friction of balls that differ, in the geometry of the lattice, the part by which its shear
-      modulus is expected to be too small, three times as much after a history of friction;
+      modulus is expected to be too small, three times as much after a history of friction; not where no contact resists
+      slip, as after a history with a friction coefficient of zero, unless its contacts stick;
     - Young modulus and density, which must be those of a solid: others are probably given in a wrong unit.
 
     The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
@@ -259,8 +260,9 @@ def _compute_validity(state: ContactState) -> Validity:
     values["resonance"] = top * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    sheared = bool(state.packing.mindlin_ratio) and lattice.periods > 1
-    if state.n_samples and state.packing.width and sheared and not state.finite_overlap:  # in the lattice's geometry
+    simulation = getattr(state.law, "simulation", None)
+    sheared = simulation is not None and simulation.resists_slip and lattice.periods > 1
+    if sheared and state.packing.width and not state.finite_overlap:  # in the lattice's geometry
         ratio = state.packing.width / state.packing.diameter
         history = getattr(state, "tangential_ratio", None) is not None
         values["shear"] = estimate_shear_deficit(state.contact_fraction, ratio, lattice.periods, history)
