@@ -21,6 +21,8 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.response import elasticity
+from granphon.array.true_equilibrium import equilibrate_in_truth
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.base.threads import count_processors
@@ -200,6 +202,48 @@ def conjecture(repeats: int) -> list[Row]:
     stiffer = bulk[True] / bulk[False] - 1.0
     rows.append(Row("what friction adds to K: largest", float(np.max(stiffer)),
                     note=", ".join(f"{part:.3f}" for part in stiffer)))  # fmt: skip
+    return rows
+
+
+# -- what the directions of the lattice leave out -------------------------------------------------------------------------
+
+#: a* and W/d, the last but one that of the page's balls; arrays of 32 x 32
+SPACINGS, WIDTHS, ARRAYS = (0.4, 0.45, 0.5, 0.6, 0.7), (2.55e-6, 2.55e-5, WIDTH / DIAMETER, 2.55e-3), 8
+#: a* up to which the part of G is large enough for its power of W/d
+LAST_POWER = 0.5
+#: eta of the sound
+ETAS = {"steel": PACKINGS[True].mindlin_ratio, "no friction": 0.0}
+
+
+def left_out(limit: Equilibrium) -> Array:
+    """(etas, 2, widths) parts of K and G that the limit of small width leaves out."""
+    load = Prescribed(overlap=limit.overlap)
+    low = [bulk_and_shear(elasticity(limit, eta)) for eta in ETAS.values()]
+    states = [equilibrate_in_truth(limit.deviations, load, width, limit.stencils, limit) for width in WIDTHS]
+    true = [[bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states]
+    return np.asarray(1.0 - np.moveaxis(low / np.array(true), 0, -1))
+
+
+def deficits(repeats: int) -> list[Row]:
+    """What the limit of small width leaves out of K and G over a* and W/d, and the power of W/d by which that of G grows."""
+    rows, at = [], f"W/d = {', '.join(f'{width:.3g}' for width in WIDTHS)}"
+    for spacing in SPACINGS:
+        limits = [at_rest(32, seed, [Prescribed(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)]
+        force, chance = mean_and_error(np.array([limit.force for limit in limits]))
+        rows.append(Row(f"f* at a* = {spacing:g}", float(force), note=bracketed(float(force), float(chance))))
+        found = np.array([left_out(limit) for limit in limits])
+        mean, error = mean_and_error(100.0 * found)
+        for kind, of in enumerate(ETAS):
+            for place, name in enumerate("KG"):
+                note = ", ".join(bracketed(*pair) for pair in zip(mean[kind, place], error[kind, place], strict=True))
+                what = f"{name} too small by, %, {of}, a* = {spacing:g}, {at}"
+                rows.append(Row(what, float(mean[kind, place, -2]), note=note))
+        if spacing > LAST_POWER:
+            continue
+        narrow, wide = found[:, 0, 1, 0], found[:, 0, 1, -2]
+        power, chance = mean_and_error(np.log(wide / narrow) / math.log(WIDTHS[-2] / WIDTHS[0]))
+        what = f"power of W/d of the part of G, a* = {spacing:g}, from {WIDTHS[0]:.3g} to {WIDTHS[-2]:.3g}"
+        rows.append(Row(what, float(power), note=bracketed(float(power), float(chance))))
     return rows
 
 
@@ -411,7 +455,7 @@ def ends(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "sizes": sizes, "scatter": scatter, "threshold": threshold, "contacts": contacts, "conjecture": conjecture,
-    "exponents": exponents,
+    "deficits": deficits, "exponents": exponents,
     "saturation": saturation, "fits": fits, "ends": ends, "loads": loads, "lists": lists,
     "quadrature": quadrature, "shells": shells, "clusters": clusters,
 }  # fmt: skip
