@@ -2,7 +2,7 @@
 
     python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
 
-Twenty minutes on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
+Half an hour on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
 the same on any machine; the exit code is 1 if a number is not what the pages claim. Balls of steel, spread uniformly unless
 it is said; brackets hold the standard error of the last digits.
 """
