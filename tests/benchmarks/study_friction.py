@@ -11,6 +11,7 @@ of numbers is over the loads that its row names.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from accuracy import packing, shapes, unit
 from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
@@ -31,6 +33,7 @@ from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import equilibrate_in_truth
+from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
 
@@ -331,6 +334,25 @@ def starts(repeats: int) -> list[Row]:
     return rows
 
 
+#: arrays of hcp, from which single balls may be squeezed out: distribution, and a* of the start
+CELLS, SQUEEZED = (10, 10, 6), (("uniform", 0.5), ("tail downwards", 0.5), ("tail downwards", 0.55), ("tail downwards", 0.6))
+
+
+def squeezed(repeats: int) -> list[Row]:
+    """How many arrays of hcp with mu = 0.1 reach f* = 0.1 in one go, by where the history begins."""
+    rows = []
+    for name, start in SQUEEZED:
+        balls, reached = packing(shapes()[name], 0.0, "hcp"), []
+        for seed in range(SAMPLES):
+            given: Any = {"friction_history": True, "friction_coefficient": 0.1, "start": start}
+            with contextlib.suppress(ConvergenceError):
+                gp.DirectSimulation(balls, CELLS, seed, **given).at_force(0.1 * unit(balls))
+                reached.append(seed)
+        what = f"arrays of hcp, {name}, that reach f* = 0.1 from a* = {start:g}, of {SAMPLES}"
+        rows.append(Row(what, len(reached), note=f"seeds {', '.join(map(str, reached))}"))
+    return rows
+
+
 # -- the length of the steps ---------------------------------------------------------------------------------------------
 
 #: f* of loads that are each reached in one go from the start; friction coefficients with which contacts slide
@@ -557,8 +579,9 @@ def figures(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {
-    "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts, "steps": steps,
-    "truth": truth, "rest": rest, "widths": widths, "energy": energy, "figures": figures,
+    "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
+    "squeezed": squeezed, "steps": steps, "truth": truth, "rest": rest, "widths": widths, "energy": energy,
+    "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
 
-Twenty minutes on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
+Half an hour on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
 the same on any machine; the exit code is 1 if a number is not what the pages claim. Balls of steel, spread uniformly unless
 it is said; brackets hold the standard error of the last digits.
 """
@@ -21,6 +21,8 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.response import elasticity
+from granphon.array.true_equilibrium import equilibrate_in_truth
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.base.threads import count_processors
@@ -180,16 +182,28 @@ KEPT = (True, "transverse")
 FORCES = np.array([0.008, 0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 1.0, 3.0])
 
 
+#: up to where the moduli in the directions of the lattice and in true ones agree
+LOW_FORCES = FORCES[FORCES < 0.2]
+
+
+def ratios(state: SimulatedState, of: str) -> list[Row]:
+    """2G/(1 + eta)K of the samples at each load."""
+    moduli = state.over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
+    ratio = 2.0 / (1.0 + state.packing.mindlin_ratio) * moduli[..., 1] / moduli[..., 0]
+    return [
+        Row(f"2G/(1 + η)K at f* = {f:.3g}, {of}", float(mean), note=bracketed(float(mean), float(error)))
+        for f, mean, error in zip(state.reduced_force, *mean_and_error(ratio.T), strict=True)
+    ]
+
+
 def conjecture(repeats: int) -> list[Row]:
-    """The table of the page: 2G/(1 + eta)K over f*, and what it says of velocities."""
+    """The table of the page: 2G/(1 + eta)K over f*, also in true directions, and what it says of velocities."""
     rows, bulk = [], {}
     for friction, packing in PACKINGS.items():
         state = gp.DirectSimulation(packing, (64, 64), 0, 4).at_force(FORCES * UNIT)
-        moduli = state.over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
-        ratio = 2.0 / (1.0 + packing.mindlin_ratio) * moduli[..., 1] / moduli[..., 0]
+        true = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="exact").at_force(LOW_FORCES * UNIT)
         of = "steel" if friction else "no friction"
-        for f, mean, error in zip(FORCES.tolist(), *mean_and_error(ratio.T), strict=True):
-            rows.append(Row(f"2G/(1 + η)K at f* = {f:g}, {of}", float(mean), note=bracketed(float(mean), float(error))))
+        rows += [*ratios(state, of), *ratios(true, f"{of}, in true directions")]
         bulk[friction] = gp.moduli(state).bulk
         found, ideal = gp.sound_velocities(state), gp.sound_velocities(gp.EffectiveMedium(packing).at_force(state.force))
         for name in ("longitudinal", "transverse"):
@@ -200,6 +214,48 @@ def conjecture(repeats: int) -> list[Row]:
     stiffer = bulk[True] / bulk[False] - 1.0
     rows.append(Row("what friction adds to K: largest", float(np.max(stiffer)),
                     note=", ".join(f"{part:.3f}" for part in stiffer)))  # fmt: skip
+    return rows
+
+
+# -- what the directions of the lattice leave out -------------------------------------------------------------------------
+
+#: a* and W/d, the last but one that of the page's balls; arrays of 32 x 32
+SPACINGS, WIDTHS, ARRAYS = (0.4, 0.45, 0.5, 0.6, 0.7), (2.55e-6, 2.55e-5, WIDTH / DIAMETER, 2.55e-3), 8
+#: a* up to which the part of G is large enough for its power of W/d
+LAST_POWER = 0.5
+#: eta of the sound
+ETAS = {"steel": PACKINGS[True].mindlin_ratio, "no friction": 0.0}
+
+
+def left_out(limit: Equilibrium) -> Array:
+    """(etas, 2, widths) parts of K and G that the limit of small width leaves out."""
+    load = Prescribed(overlap=limit.overlap)
+    low = [bulk_and_shear(elasticity(limit, eta)) for eta in ETAS.values()]
+    states = [equilibrate_in_truth(limit.deviations, load, width, limit.stencils, limit) for width in WIDTHS]
+    true = [[bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states]
+    return np.asarray(1.0 - np.moveaxis(low / np.array(true), 0, -1))
+
+
+def deficits(repeats: int) -> list[Row]:
+    """What the limit of small width leaves out of K and G over a* and W/d, and the power of W/d by which that of G grows."""
+    rows, at = [], f"W/d = {', '.join(f'{width:.3g}' for width in WIDTHS)}"
+    for spacing in SPACINGS:
+        limits = [at_rest(32, seed, [Prescribed(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)]
+        force, chance = mean_and_error(np.array([limit.force for limit in limits]))
+        rows.append(Row(f"f* at a* = {spacing:g}", float(force), note=bracketed(float(force), float(chance))))
+        found = np.array([left_out(limit) for limit in limits])
+        mean, error = mean_and_error(100.0 * found)
+        for kind, of in enumerate(ETAS):
+            for place, name in enumerate("KG"):
+                note = ", ".join(bracketed(*pair) for pair in zip(mean[kind, place], error[kind, place], strict=True))
+                what = f"{name} too small by, %, {of}, a* = {spacing:g}, {at}"
+                rows.append(Row(what, float(mean[kind, place, -2]), note=note))
+        if spacing > LAST_POWER:
+            continue
+        narrow, wide = found[:, 0, 1, 0], found[:, 0, 1, -2]
+        power, chance = mean_and_error(np.log(wide / narrow) / math.log(WIDTHS[-2] / WIDTHS[0]))
+        what = f"power of W/d of the part of G, a* = {spacing:g}, from {WIDTHS[0]:.3g} to {WIDTHS[-2]:.3g}"
+        rows.append(Row(what, float(power), note=bracketed(float(power), float(chance))))
     return rows
 
 
@@ -411,7 +467,7 @@ def ends(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "sizes": sizes, "scatter": scatter, "threshold": threshold, "contacts": contacts, "conjecture": conjecture,
-    "exponents": exponents,
+    "deficits": deficits, "exponents": exponents,
     "saturation": saturation, "fits": fits, "ends": ends, "loads": loads, "lists": lists,
     "quadrature": quadrature, "shells": shells, "clusters": clusters,
 }  # fmt: skip
