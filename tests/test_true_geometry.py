@@ -18,14 +18,17 @@ from granphon.array import true_response
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
+from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import BALANCE_TOLERANCE
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
-from granphon.array.true_geometry import ExactGeometry
+from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
+from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
+from granphon.dynamics.long_waves import voigt_pairs
 from granphon.observables.validity import estimate_shear_deficit
 
 ETA = 0.82
@@ -451,6 +454,117 @@ class Pressed(Positions):
         push, _, _ = self.forces(motion, f)
         area = AREA * len(motion) * (1.0 - self.ratio * self.overlap) ** 2 * np.linalg.det(f)
         return push.T @ self.vectors(motion[:, :2], f) / area
+
+
+class InSpace:
+    """Contacts with friction of an array in space in Cartesian coordinates: forces and torques by vectors, contact by contact.
+
+    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the motion ``still``, (n, 6), and
+    springs resist further slip.
+    """
+
+    def __init__(self, stencils, x, ratio, overlap, still, springs, shears):
+        self.ratio, self.overlap, self.x, self.still = ratio, overlap, x.ravel(), still
+        self.springs, self.shears, self.volume = springs.ravel(), shears.reshape(2, -1), stencils.lattice.measure * x.size
+        cells = np.arange(x.size).reshape(x.shape)
+        self.i = np.tile(cells.ravel(), stencils.n_contacts)
+        self.j = np.concatenate([np.roll(cells, [-n for n in shift], (0, 1, 2)).ravel() for shift in stencils.shifts])
+        frames = np.array(contact_frames(stencils.lattice.contacts.normal))
+        self.e, self.t, self.b = (np.repeat(axis.T, x.size, axis=0) for axis in frames)
+
+    def vectors(self, motion, f):
+        moved = (1.0 - self.ratio * self.overlap) * self.e + self.ratio * (motion[self.j, :3] - motion[self.i, :3])
+        return moved @ np.array(f).T
+
+    def contacts(self, motion, f):
+        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and about it with the balls."""
+        w = self.vectors(motion, f)
+        size = np.linalg.norm(w, axis=1)
+        n, turn = w / size[:, None], np.cross(self.e, w / size[:, None])
+        spin = 0.5 * self.ratio * np.sum((motion[self.i, 3:] + motion[self.j, 3:]) * self.e, axis=1)[:, None]
+        t, b = np.cos(spin) * self.t + np.sin(spin) * self.b, np.cos(spin) * self.b - np.sin(spin) * self.t
+        cosine = np.sum(self.e * n, axis=1)[:, None]
+        t, b = (cosine * v + np.cross(turn, v) + turn * np.sum(turn * v, axis=1)[:, None] / (1.0 + cosine) for v in (t, b))
+        h = 0.5 * (self.x[self.i] + self.x[self.j]) - (size - 1.0) / self.ratio
+        arms = [0.5 + 0.5 * self.ratio * (self.x[end] - h) for end in (self.i, self.j)]
+        return h, n, (t, b), arms
+
+    def forces(self, motion, f):
+        """Normal forces and forces T of contacts as vectors, their directions and arms."""
+        h, n, tangents, arms = self.contacts(motion, f)
+        _, m, others, before = self.contacts(self.still, np.eye(3))
+        gone = (self.vectors(motion, f) - self.vectors(self.still, np.eye(3))) / self.ratio
+        change = motion[:, 3:] - self.still[:, 3:]
+        rolled = sum(0.5 * (a + b)[:, None] * change[end] for a, b, end in zip(arms, before, (self.i, self.j), strict=True))
+        slip = gone - np.cross(rolled, 0.5 * (n + m))
+        shear = [
+            first + self.springs * np.sum(slip * 0.5 * (one + other), axis=1)
+            for first, one, other in zip(self.shears, tangents, others, strict=True)
+        ]
+        return (
+            np.maximum(h, 0.0)[:, None] ** 1.5 * n,
+            sum(one[:, None] * t for one, t in zip(shear, tangents, strict=True)),
+            n,
+            arms,
+        )
+
+    def balance(self, motion, f=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
+        """Forces and torques that hold each ball, less those that act."""
+        normal, shear, n, arms = self.forces(motion, f)
+        out = np.zeros_like(motion)
+        for end, sign, arm in ((self.i, -1.0, arms[0]), (self.j, 1.0, arms[1])):
+            np.add.at(out, (end, slice(0, 3)), sign * (shear - normal))
+            np.add.at(out, (end, slice(3, 6)), -arm[:, None] * np.cross(n, shear))
+        return out
+
+    def stress(self, motion, f):
+        normal, shear, _, _ = self.forces(motion, f)
+        volume = self.volume * (1.0 - self.ratio * self.overlap) ** 3 * np.linalg.det(f)
+        return self.ratio * (shear - normal).T @ self.vectors(motion, f) / volume
+
+
+@pytest.mark.parametrize("response", ["stick", "slide"])
+def test_moduli_in_space_under_tangential_forces_are_changes_of_stress(response, monkeypatch):
+    """Of fcc after a history; where contacts that slide have no springs, the forces that act hold some balls alone."""
+    ratio, overlap, mu, step, shape = 0.02, 0.4, 0.05, 1e-5, (3, 3, 3)
+    x, stencils = balls(shape, 2, FCC), Stencils(shape, ETA, lattice=FCC)
+    geometry = ExactGeometry(stencils, x, ratio)
+    (pressed,) = LoadingHistory(x, stencils, mu, math.inf, Prescribed(overlap=0.2), geometry=geometry).path(
+        [Prescribed(overlap=overlap)]
+    )
+    state, taken, respond = PressedEquilibrium.of(pressed, x, stencils, ratio), [], ExactPlace.respond
+    ratios = state.shear_ratios(response)
+    monkeypatch.setattr(ExactPlace, "respond", lambda *given: taken.append(1) or respond(*given))
+    found = state.find_elasticity(ratios)
+    assert len(taken) < 200  # it was more than 3000 for "slide"
+    still = cartesian_in_space(stencils, state._move(stencils))
+    twin = InSpace(stencils, x, ratio, overlap, still, ratios * state.stiffnesses, state.shears)
+    assert np.max(np.abs(twin.balance(still))) < 2e-9 * state.force
+    columns = []
+    for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
+        columns.append(np.ravel(twin.balance(still + way) - twin.balance(still - way)) / 2e-6)
+    inverse = np.linalg.pinv(np.array(columns), rcond=1e-9)
+
+    def relax(f):
+        motion = still.copy()
+        for _ in range(8):
+            motion -= (np.ravel(twin.balance(motion, f)) @ inverse).reshape(still.shape)
+        assert np.max(np.abs(twin.balance(motion, f))) < 1e-9
+        return twin.stress(motion, f)
+
+    expected = np.zeros((6, 6))
+    for column, (a, b) in enumerate(voigt_pairs(3)):
+        strain = np.zeros((3, 3))
+        strain[a, b] += 0.5 * step
+        strain[b, a] += 0.5 * step
+        change = (relax(np.eye(3) + strain) - relax(np.eye(3) - strain)) / (2.0 * step)
+        expected[:, column] = [0.5 * (change[c, d] + change[d, c]) for c, d in voigt_pairs(3)]
+    np.testing.assert_allclose(found, 0.5 * (expected + expected.T), rtol=0.0, atol=1e-6 * found.max())
+
+
+def cartesian_in_space(stencils, motion):
+    """(n, 6) displacements and rotations of balls."""
+    return np.concatenate([stencils.displacements(motion), motion[3:]]).reshape(6, -1).T
 
 
 # -- what the limit of small spread leaves out ----------------------------------------------------------------------------

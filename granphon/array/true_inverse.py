@@ -1,9 +1,9 @@
 """Approximate inverses of the matrix of small motions of an array in its true geometry, with the forces that act.
 
 A ball whose contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the
-forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these, and
-iterations with them hardly come to an end. So the whole matrix of a small array is factorised (sparse LU); in a larger one,
-what the forces do to each ball alone is added to the preconditioner of the lattice.
+forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these,
+and iterations with them hardly come to an end. So the whole matrix of a small array is factorised (sparse LU); in a larger
+one, what the forces do to each ball alone is added to the preconditioner of the lattice.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def factorise(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inv
 
     j = number_cells(frame.shape, [row.shift for row in frame.rows])
     number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
-    c = compose_rows(i, j, *frame.coefficients, *np.divmod(number, j.shape[1]))
+    head, tail = frame.coefficients
+    c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
     columns = np.array(list(tables))
     of_contact = number.reshape(1, len(columns), -1)
     at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
