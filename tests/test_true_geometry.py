@@ -459,8 +459,8 @@ class Pressed(Positions):
 class InSpace:
     """Contacts with friction of an array in space in Cartesian coordinates: forces and torques by vectors, one by one.
 
-    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the motion ``still``, (n, 6), and
-    springs resist further slip.
+    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the motion ``still``, (n, 6),
+    and springs resist further slip.
     """
 
     def __init__(self, stencils, x, ratio, overlap, still, springs, shears):
