@@ -477,7 +477,8 @@ class InSpace:
         return moved @ np.array(f).T
 
     def contacts(self, motion, f):
-        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and about it with the balls."""
+        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and about it
+        with the balls."""
         w = self.vectors(motion, f)
         size = np.linalg.norm(w, axis=1)
         n, turn = w / size[:, None], np.cross(self.e, w / size[:, None])
