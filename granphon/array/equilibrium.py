@@ -182,7 +182,7 @@ class Equilibrium(Result):
 
     @property
     def boundary_force(self) -> float:
-        """f* at which the pressure is the same where the cell keeps its size."""
+        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
         return self.force
 
     def response(self) -> Array:

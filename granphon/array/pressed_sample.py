@@ -121,7 +121,7 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def boundary_force(self) -> float:
-        """f* at which the pressure is the same where the cell keeps its size."""
+        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
         return self.place.press(self.forces, self.shears) / self.place.boundary if self.ratio else self.force
 
     @cached_property

@@ -109,14 +109,18 @@ class Sample(Result):
         return self._units.force * self.equilibrium.force
 
     @property
+    def boundary_force(self) -> float:
+        """Force, N, that the stress on the cell stands for: in the exact geometry other than the mean ``force``."""
+        return self._units.force * self.equilibrium.boundary_force
+
+    @property
     def pressure(self) -> float:
         """Pressure, N/m in the plane, Pa in space, N on a line: the work of the load over the change of the cell's size.
 
         Raises :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a pressure.
         """
         structure = self.packing.structure
-        force = self._units.force * self.equilibrium.boundary_force
-        return structure.pressure_factor * force / self.packing.diameter ** (structure.periods - 1)
+        return structure.pressure_factor * self.boundary_force / self.packing.diameter ** (structure.periods - 1)
 
     @property
     def normal_stiffness(self) -> float:

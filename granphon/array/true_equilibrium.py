@@ -89,7 +89,7 @@ class TrueEquilibrium(Equilibrium):
 
     @property
     def boundary_force(self) -> float:
-        """f* at which the pressure is the same where the cell keeps its size."""
+        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
         return self.place.press(self.forces, np.zeros((0, *self.forces.shape))) / self.place.boundary
 
     def _act(self, residual: float | None = None) -> ActingForces:

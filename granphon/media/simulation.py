@@ -175,7 +175,10 @@ class SimulatedState(SampleMeans):
 
         In the exact geometry it is the work of the load on the cell, over the change of its size: the mean over samples.
         """
-        return self._average(lambda sample: sample.pressure) if self.finite_overlap else super().pressure
+        if not self.finite_overlap:
+            return super().pressure
+        structure, force = self.packing.structure, self._average(lambda sample: sample.boundary_force)
+        return structure.pressure_factor * force / self.packing.diameter ** (structure.periods - 1)
 
     @property
     def elastic_tensor(self) -> Array:

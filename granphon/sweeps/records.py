@@ -36,12 +36,14 @@ class SampleRecord(Result):
     """
 
     units = {
-        "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
-        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", **HISTORY_UNITS,
+        "force": "N", "boundary_force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1",
+        "contact_force_fluctuation": "1", "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
+        **HISTORY_UNITS,
     }  # fmt: skip
     shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
 
     force: float
+    boundary_force: float
     overlap: float
     normal_stiffness: float
     force_fluctuation: float
@@ -68,7 +70,7 @@ class SampleRecord(Result):
             found = record_waves(sample, waves)
         lost = {name: getattr(sample, name) for name in HISTORY_UNITS} if isinstance(sample, PressedSample) else {}
         return cls(
-            sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
+            sample.force, sample.boundary_force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
             sample.elastic_tensors_beside if exponents else None, of_waves=found, **lost,
         )  # fmt: skip
