@@ -9,8 +9,8 @@ to rest or give way, in steps of time that grow: dashpots are weakened from step
 are taken away. If the array then bears at least half of this force, in balance, it stands, and its history begins there; if
 it gives way before, or is not at rest after many steps, it is pressed on.
 
-In the true geometry contacts push balls aside, with W/d of their force. Where too few contacts resist, as in sc of which
-half are open, an array gives way however slowly it is let go. Dashpots are then not weakened below several times that
+In the true geometry contacts push balls aside, with W/d of their force. In space, where too few contacts resist, as in sc of
+which half are open, an array gives way however slowly it is let go. Dashpots are there not weakened below several times that
 stiffness: if balls move faster from one step to the next, the array gives way.
 
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
@@ -42,9 +42,12 @@ STEP = 0.0125
 STANDING_FORCE = 2e-2
 #: factor by which dashpots are weakened from one step at held overlap to the next, and the most such steps
 _WEAKER, _MOST_STEPS = 0.3, 30
-#: largest force of a dashpot, over the mean force, with which they are taken away; in the true geometry over W/d of it
+#: largest force of a dashpot, over the mean force, with which they are taken away
 _NEXT_TO_NOTHING = 1e-3
-#: weakest dashpots in the true geometry, over W/d times the mean force: contacts push balls aside with about that stiffness
+#: largest motion in a step with the weakest dashpots with which they are taken away there, in W
+_STILL = 1e-3
+#: weakest dashpots in the true geometry of space, over W/d times the mean force: contacts push balls aside with about that
+#: stiffness
 _ABOVE_PUSH = 10.0
 #: largest overlap at which an array of different balls is still a gas
 _MOST_OVERLAP = 2.0
@@ -77,7 +80,8 @@ def press_gas(history: LoadingHistory) -> PressedArray:
 def _come_to_rest(damped: LoadingHistory, here: PressedArray) -> PressedArray | None:
     """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
     load, drag, ratio, moved = Prescribed(overlap=here.overlap), damped.drag, damped.ratio, 0.0
-    weakest = min(drag, _ABOVE_PUSH * ratio * here.force)
+    pushed = ratio > 0.0 and len(damped.stencils.shape) == 3
+    weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
     for _ in range(_MOST_STEPS):
         before, stronger, slower = here, drag, moved
         drag = max(_WEAKER * drag, weakest)
@@ -89,8 +93,7 @@ def _come_to_rest(damped: LoadingHistory, here: PressedArray) -> PressedArray | 
             moved = max(float(np.max(np.abs(a - b))) for a, b in ((now.overlaps, then.overlaps), (now.slips, then.slips)))
             if drag == stronger and moved > slower:
                 return None
-            still = _NEXT_TO_NOTHING * (ratio if ratio else 1.0) * here.force
-            if drag * moved < still and (drag == stronger or not ratio):
+            if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
                 at_rest = replace(damped, drag=0.0).step([here], load)
                 return at_rest if at_rest.force >= 0.5 * STANDING_FORCE else None
         except ConvergenceError:

@@ -2,8 +2,8 @@
 
 A ball whose contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the
 forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these,
-and iterations with them hardly come to an end. So the whole matrix of a small array is factorised (sparse LU); in a larger
-one, what the forces do to each ball alone is added to the preconditioner of the lattice.
+and iterations with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of the
+lattice; the whole matrix of a small array in space, where rows of balls roll, is factorised (sparse LU).
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
 
-__all__ = ["factorise", "invert_balls", "is_small"]
+__all__ = ["HOLDING", "factorise", "invert_balls", "is_small"]
 
 Array = NDArray[np.float64]
-#: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the time and the memory that
-#: factors take grow faster than it
-_MOST_BALLS = (2**12, 2**12, 2**9)
-#: stiffness that holds balls which nothing holds, over the mean stiffness
-_HOLDING = 1e-10
+#: largest number of balls in space whose matrix is factorised: the time and the memory that factors take grow faster than it
+_MOST_BALLS = 2**9
+#: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
+#: like gears, and what is left of torques, rounding among it, would turn them without limit
+HOLDING = 1e-10
 
 
 def is_small(stencils: Stencils) -> bool:
-    """Return whether an array is small enough for factors of its matrix."""
-    return math.prod(stencils.shape) * stencils.n_balls <= _MOST_BALLS[len(stencils.shape) - 1]
+    """Return whether an array in space is small enough for factors of its matrix; in a plane they are not needed."""
+    return len(stencils.shape) == 3 and math.prod(stencils.shape) * stencils.n_balls <= _MOST_BALLS
 
 
-def factorise(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inverse:
+def factorise(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
     """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the whole matrix.
 
     ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
@@ -52,7 +52,7 @@ def factorise(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inv
     of_contact = number.reshape(1, len(columns), -1)
     at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
     d: Any = coo_array((columns.ravel(), (at[0], at[1])), shape=(j.size, j.size)).tocsr()
-    matrix = c.T.tocsr() @ (d @ c) + _HOLDING * stiffness * eye_array(c.shape[1])
+    matrix = c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])
     factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
 
     def hold(fields: Array) -> Array:
@@ -65,7 +65,7 @@ def factorise(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inv
     return lambda force: hold(np.asarray(factors.solve(hold(force).ravel())).reshape(force.shape))
 
 
-def invert_balls(frame: Stencils, tables: Iterable[Array], stiffness: float) -> Inverse:
+def invert_balls(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
     """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`factorise`."""
     count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
     head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
@@ -76,7 +76,7 @@ def invert_balls(frame: Stencils, tables: Iterable[Array], stiffness: float) -> 
                 found = np.roll(np.tensordot(rows, forces[:, kind], (0, 0)), step, axes)
                 blocks[:, :, end] += found[:, None] * rows[row].reshape(-1, *(1,) * len(shift))
     by_ball = np.moveaxis(blocks.reshape(count, count, -1), 2, 0)
-    inverse = np.linalg.inv(by_ball + _HOLDING * stiffness * np.eye(count))
+    inverse = np.linalg.inv(by_ball + HOLDING * stiffness * np.eye(count))
 
     def apply(force: Array) -> Array:
         forces = force.reshape(frame.n_balls, count, -1).swapaxes(1, 2).reshape(-1, count, 1)

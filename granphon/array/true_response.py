@@ -20,7 +20,7 @@ from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactPlace
-from granphon.array.true_inverse import factorise, invert_balls, is_small
+from granphon.array.true_inverse import HOLDING, factorise, invert_balls, is_small
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
@@ -34,9 +34,6 @@ _RESPONSE_STEPS = 60_000
 _RESPONSE = 1e-7
 #: vectors that GMRES keeps
 _KEPT = 60
-#: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
-#: like gears, and what is left of torques, rounding among it, would turn them without limit
-_HOLDING = 1e-10
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
 
@@ -74,7 +71,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
     stiff = acting.mean(stencils)
     inverse = _choose_inverse(place, acting, stencils)
-    holding = 0.0 if symmetric else _HOLDING * stiff
+    holding = 0.0 if symmetric else HOLDING * stiff
 
     def apply(vector: Array) -> Array:
         motion = Motion(vector.reshape(shape), 0.0)
@@ -107,11 +104,11 @@ def _choose_inverse(place: ExactPlace, acting: ActingForces, stencils: Stencils)
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
     tables = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
     if not symmetric and is_small(frame):
-        return factorise(frame, tables, acting.mean(stencils))
+        return factorise(frame, acting.mean(stencils), tables)
     whole = Preconditioners(stencils).choose(acting.springs, hard=True)
     if symmetric:
         return whole
-    alone = invert_balls(frame, tables, acting.mean(stencils))
+    alone = invert_balls(frame, acting.mean(stencils), tables)
     return lambda force: whole(force) + alone(force)
 
 
