@@ -364,6 +364,13 @@ def test_distribution_of_forces_integrates_to_one(spread):
     assert np.sum(density * np.diff(edges)) == pytest.approx(np.mean(live <= sample.force), abs=1e-12)
 
 
+@pytest.mark.parametrize("given", [{"bins": -3}, {"bins": 2.5}, {"largest": 0.0}, {"largest": math.nan}, {"least": 7.0}])
+def test_a_distribution_without_bins_is_an_error(spread, given):
+    sample = gp.DirectSimulation(spread, (4, 4)).at_overlap(0.5 * WIDTH).sample
+    with pytest.raises(InputError, match="bins"):
+        sample.force_distribution(**given)
+
+
 # -- the same numbers, however they are found ---------------------------------------------------------------------------
 
 

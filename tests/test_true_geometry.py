@@ -563,7 +563,7 @@ def test_moduli_in_space_under_tangential_forces_are_changes_of_stress(response,
             changes[:, column] = [0.5 * (change[c, d] + change[d, c]) for c, d in voigt_pairs(3)]
         return 0.5 * (changes + changes.T)
 
-    coarse, fine = strained(1e-5), strained(5e-6)  # a ball that next to nothing holds moves far: the error is of second order
+    coarse, fine = strained(1e-5), strained(5e-6)  # a loose ball moves far: the error is of second order
     np.testing.assert_allclose(found, (4.0 * fine - coarse) / 3.0, rtol=0.0, atol=1e-8 * found.max())
     np.testing.assert_allclose(fine, coarse, rtol=0.0, atol=2e-6 * found.max())
 

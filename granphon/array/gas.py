@@ -56,14 +56,27 @@ _MOST_OVERLAP = 2.0
 def press_gas(history: LoadingHistory) -> PressedArray:
     """Return the first state at which an array stands with friction, from balls that lie apart.
 
-    Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two widths.
+    Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two widths, or if balls that
+    dashpots slow down do not come into balance.
     """
     means = history.stencils.average_pairs(history.deviations)
     sites = np.zeros((history.stencils.n_balls * len(history.stencils.shape), *history.stencils.shape))
     here = history.place(sites, -float(np.max(means)))
     damped = replace(history, drag=DRAG)
     while here.overlap < _MOST_OVERLAP:
-        here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
+        try:
+            here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
+        except ConvergenceError as error:
+            true = history.ratio > 0.0
+            raise ConvergenceError(
+                message(
+                    f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths",
+                    "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
+                    if true
+                    else "Too few contacts hold them",
+                    'Take the geometry "lattice"' if true else "Take another seed, or another friction coefficient",
+                )
+            ) from error
         if here.force >= STANDING_FORCE:
             at_rest = _come_to_rest(damped, here)
             if at_rest is not None:

@@ -270,10 +270,10 @@ class LoadingHistory:
             return f"f* = {load.force:.6g}"
         return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
 
-    def _explain(
-        self, load: Prescribed, why: str, mend: str = "End the path before this load, or start at a higher load"
-    ) -> ConvergenceError:
+    def _explain(self, load: Prescribed, why: str, mend: str = "") -> ConvergenceError:
         what = f"the loading with friction has not reached {self._name(load)}"
+        other = "take another seed" if self.start == GAS else "start at a higher load"
+        mend = mend or f"End the path before this load, or {other}"
         return ConvergenceError(message(what, why[0].upper() + why[1:], mend))
 
     # -- one step ---------------------------------------------------------------------------------------------------

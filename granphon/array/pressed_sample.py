@@ -26,7 +26,7 @@ from granphon.array.equilibrium import Equilibrium, Prescribed
 from granphon.array.friction import SLIDES, Contacts, FrictionLaw
 from granphon.array.history import LoadingHistory, PressedArray
 from granphon.array.response import elasticity
-from granphon.array.sample import STEP, Sample
+from granphon.array.sample import STEP, Sample, find_density
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
@@ -264,26 +264,25 @@ class PressedSample(Sample):
         """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f``, that of the contacts that carry load.
 
         The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts that slide have the
-        ratio mu. Over all ratios the density integrates to one.
+        ratio mu. Over all ratios the density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins``
+        is no whole number above zero, or ``largest`` not above zero.
         """
         here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
         ratios = self.equilibrium.law.ratios(here)[here.carried]
         end = (mu if 0.0 < mu <= 1.0 else 1.0) if largest is None else largest
-        counts, edges = np.histogram(ratios, bins, (0.0, end))
-        return edges, counts / (ratios.size * np.diff(edges))
+        return find_density(ratios, bins, 0.0, end)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
         """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu f)``.
 
         It is that of the contacts that carry load; those that slide are in the last bin. Raises
-        :class:`~granphon.base.errors.InputError` if mu is zero or infinite.
+        :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole number above zero.
         """
         here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
         if not 0.0 < mu < math.inf:
             what, why = f"there is no |T|/(mu f) where mu is {mu:g}", "Coulomb's limit mu f is zero, or infinite"
             raise InputError(message(what, why, "Use tangential_ratio_distribution, of |T|/f"))
-        counts, edges = np.histogram(self.equilibrium.law.mobilise(here)[here.carried], bins, (0.0, 1.0))
-        return edges, counts / (np.sum(counts) * np.diff(edges))
+        return find_density(self.equilibrium.law.mobilise(here)[here.carried], bins, 0.0, 1.0)
 
     @property
     def work(self) -> float:

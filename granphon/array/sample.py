@@ -19,6 +19,8 @@ from granphon.array.response import elasticity
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.arguments import whole_number
+from granphon.base.errors import InputError, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
 from granphon.networks.network import ContactNetwork
@@ -26,7 +28,7 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from ase import Atoms
 
-__all__ = ["STEP", "Sample", "jackknife", "standard_error"]
+__all__ = ["STEP", "Sample", "find_density", "jackknife", "standard_error"]
 
 Array = NDArray[np.float64]
 #: step in log f, to either side, for finite differences of moduli. The bias of an exponent is proportional to its square: it
@@ -161,11 +163,11 @@ class Sample(Result):
         """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of contacts that carry load.
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the density integrates to one.
+        Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or the range is empty.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > LEAST_CONTACT * self.equilibrium.force] / self.equilibrium.force
-        counts, edges = np.histogram(forces, bins, (least, largest))
-        return edges, counts / (forces.size * np.diff(edges))
+        return find_density(forces, bins, least, largest)
 
     @cached_property
     def elastic_tensor(self) -> Array:
@@ -259,6 +261,19 @@ class Sample(Result):
         balls.set_array("contacts", self._order(stencils.around((forces > LEAST_CONTACT).astype(int))).ravel())
         balls.info["relative_overlap"] = self.overlap / d
         return balls
+
+
+def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:
+    """Return (bins + 1,) edges and the (bins,) probability density of ``values``, of all of them: it may leave some out.
+
+    Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or no number is between
+    ``least`` and ``largest``.
+    """
+    number = whole_number("bins", bins, 1)
+    if not -math.inf < least < largest < math.inf:
+        raise InputError(message(f"there are no bins between {least:g} and {largest:g}", mend="Give a larger upper end"))
+    counts, edges = np.histogram(values, number, (least, largest))
+    return edges, counts / (values.size * np.diff(edges))
 
 
 def standard_error(values: Array, axis: int) -> Array:

@@ -2,8 +2,8 @@
 
 A ball whose contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the
 forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these,
-and iterations with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of the
-lattice; the whole matrix of a small array in space, where rows of balls roll, is factorised (sparse LU).
+and iterations with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of
+the lattice; the whole matrix of a small array in space, where rows of balls roll, is factorised (sparse LU).
 """
 
 from __future__ import annotations

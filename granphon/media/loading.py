@@ -339,7 +339,8 @@ def require_path(packing: Packing, deviations: Array, loading: Loading, path: Se
 
 def _require_above_state(history: LoadingHistory, here: PressedArray, path: Sequence[Prescribed]) -> None:
     by_force = path[0].overlap is None
-    require_above(Prescribed(here.overlap, history.measure(here, path[0]) if by_force else here.force), path)
+    start = Prescribed(here.overlap, history.measure(here, path[0]) if by_force else here.force)
+    require_above(start, path, history.start == GAS)
 
 
 def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
@@ -379,7 +380,7 @@ def _find_stored(start: Prescribed | str) -> float:
     return float(0.4 * overlap**2.5)
 
 
-def require_above(start: Prescribed, path: Sequence[Prescribed]) -> None:
+def require_above(start: Prescribed, path: Sequence[Prescribed], from_gas: bool = False) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start.
 
     Of a start that is prescribed as a force alone overlaps are not looked at, and of one as an overlap forces.
@@ -394,12 +395,12 @@ def require_above(start: Prescribed, path: Sequence[Prescribed]) -> None:
             there += " at " * bool(there and start.overlap is not None)
             there += f"a* = {start.overlap + 0.5:.4g}" if start.overlap is not None else ""
             what = f"the load {_describe(load)} is below the start of the loading, {there}"
-            mend = (
-                "Raise the load, give a lower start, or unload along a path: simulation.path(...), in a scene ordered: true"
-            )
-            error = InputError(
-                message(what, "Samples are at rest without friction at the start, and loaded from there", mend)
-            )
+            why = "Samples are at rest without friction at the start, and loaded from there"
+            lower = "give a lower start, "
+            if from_gas:
+                why, lower = "Pressed from the gas, the sample stands there at first, and is loaded from there", ""
+            mend = f"Raise the load, {lower}or unload along a path: simulation.path(...), in a scene ordered: true"
+            error = InputError(message(what, why, mend))
             error.load_index = place
             raise error
 
