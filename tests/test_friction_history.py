@@ -500,6 +500,7 @@ def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu
     assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
 
 
+@pytest.mark.claim("friction-steps")
 @pytest.mark.parametrize("mu", [0.2, math.inf])
 def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu):
     """The tolerance holds on the way to each load, and for an estimate: over four ways it is kept to a factor of three."""

@@ -862,7 +862,7 @@ def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch):
     out, loads = tmp_path / "out", "{overlap: [0.2 um, 0.4 um, 0.01 um, 0.3 um]}"
     end_at(monkeypatch, 0.01)
     with pytest.raises(
-        SceneError, match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached"
+        ConvergenceError, match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached"
     ) as caught:
         scene(load=loads, medium=ENDING).run(out, figures=False)
     assert sorted(one.name for one in out.iterdir()) == [".granphon-files", "sweep_incomplete.csv", "sweep_incomplete.nc"]

@@ -29,8 +29,8 @@ from granphon.array.stencils import Motion
 __all__ = ["approach", "centre", "split"]
 
 Array = NDArray[np.float64]
-#: largest number of steps
-_STEPS = 100
+#: largest number of steps; and in the true geometry, where loose balls follow the slopes of others: the smaller W/d, the more
+_STEPS, _STEPS_IN_TRUTH = 100, 800
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
 _CLOSE = 1e-9
 #: largest force left on a ball, over the mean force, with which it then ends well
@@ -69,7 +69,8 @@ def approach(
 ) -> tuple[float, Array, int, int] | None:
     """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers of steps and iterations.
 
-    The result is None if no equilibrium is near after 100 steps: it may be at the threshold itself, or there may be none.
+    The result is None if no equilibrium is near after 100 steps (in the true geometry 800): it may be at the threshold
+    itself, or there may be none.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def approach(
     place = geometry.place(balls, y)
     h, none = place.overlaps, np.zeros((0, *place.overlaps.shape))
     f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
-    for step in range(_STEPS):
+    for step in range(_STEPS_IN_TRUTH if geometry.ratio else _STEPS):
         product, mean = float(np.mean(f * s)), float(np.mean(f))
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
             return None

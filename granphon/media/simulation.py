@@ -318,7 +318,8 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
         pressed with friction until they stand; so lattices begin that do not stand without friction.
     shear_response : tangential stiffness of a contact under sound, after a history: "slide", eta k, none where it slides;
-        "stick", eta k everywhere; "partial_slip", ``eta k (1 - |T|/mu f)^(1/3)``.
+        "stick", eta k everywhere; "partial_slip", ``eta k (1 - |T|/mu f)^(1/3)``, as if
+        ``|T|`` were about to grow at every contact.
     step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 

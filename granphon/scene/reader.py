@@ -14,7 +14,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError, InstabilityError
+from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
 from granphon.scene.fields import choose_lattice, table_named
@@ -36,7 +36,8 @@ class Origin:
     """The document that a scene was read from, and the path of its file; both are None for a scene made in Python.
 
     A document that was read from a text has no path. The context managers turn errors of the library into
-    :class:`~granphon.base.errors.SceneError`, which names file, line and key; without a document errors pass unchanged.
+    :class:`~granphon.base.errors.SceneError`, which names file, line and key, and so do those of a computation that fails,
+    as :class:`~granphon.base.errors.ConvergenceError`; without a document errors pass unchanged.
     """
 
     document: Document | None = None
@@ -81,7 +82,9 @@ class Origin:
             if (option := getattr(error, "option", None)) is not None:
                 place, given = self._place_option(option)
                 before = f"found {given}; allowed: {_ALLOWED[option]}; "
-            placed = self.document.error(place, f"{before}{error}")
+            placed: GranphonError = self.document.error(place, f"{before}{error}")
+            if isinstance(error, ConvergenceError):  # the scene is not wrong, the computation has failed
+                placed = ConvergenceError(str(placed))
             placed.reached = getattr(error, "reached", None)
             raise placed from None
 

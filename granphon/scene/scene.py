@@ -257,7 +257,8 @@ class Scene:
 
         ``options`` are keywords of :func:`granphon.sweeps.sweep.sweep` besides those that the scene answers: ``path``,
         ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
-        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file.
+        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
+        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
         """
         from granphon.sweeps.sweep import sweep_grid
 
