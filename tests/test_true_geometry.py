@@ -355,6 +355,19 @@ def test_plain_data_keep_the_ratio():
     np.testing.assert_array_equal(again.forces, state.forces)
 
 
+@pytest.mark.exhaustive
+def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
+    """Loose balls have far to go there, and the farther the smaller W/d; the difference of the forces is of first order."""
+    x, load, off = balls((32, 32), 1), Prescribed(overlap=-0.1), []
+    rest = equilibrate(x, load)
+    for ratio in (2.55e-6, 2.55e-7, 2.55e-8):
+        state = equilibrate_in_truth(x, load, ratio)
+        assert state.residual < 1e-9 * ratio / 2.55e-6
+        assert np.count_nonzero(state.forces) > 1.1 * np.count_nonzero(rest.forces)
+        off.append(np.max(np.abs(state.forces - rest.forces)) / rest.force / ratio)
+    assert off == pytest.approx(3 * [23.0], rel=1e-2)
+
+
 # -- linear response ----------------------------------------------------------------------------------------------------
 
 

@@ -14,7 +14,9 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
+import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -451,6 +453,52 @@ def rest(repeats: int) -> list[Row]:
     return rows
 
 
+#: spacings near the threshold, and widths over the diameter, at which arrays of 32 x 32 balls come to rest; with seeds from 0
+NARROW_SPACINGS, RATIOS, NARROW_SEEDS = (0.4, 0.37), (2.55e-4, 2.55e-6, 2.55e-8, 2.55e-9), range(6)
+
+
+def narrow(repeats: int) -> list[Row]:
+    """How many arrays of balls that hardly differ come to rest in the true geometry near the threshold."""
+    rows = []
+    for spacing in NARROW_SPACINGS:
+        for ratio in RATIOS:
+            reached = []
+            for seed in NARROW_SEEDS:
+                with contextlib.suppress(ConvergenceError):
+                    equilibrate_in_truth(deviations(seed, SMALLER), Prescribed(overlap=spacing - 0.5), ratio)
+                    reached.append(seed)
+            what = f"arrays of 32 x 32 at rest at a* = {spacing:g}, W/d = {ratio:g}, of {len(NARROW_SEEDS)}"
+            rows.append(Row(what, len(reached), note=f"seeds {', '.join(map(str, reached))}"))
+    return rows
+
+
+# -- the gas --------------------------------------------------------------------------------------------------------------
+
+#: lattices that only friction holds, cells, and the friction coefficient, of arrays that are pressed from the gas
+FROM_GAS = (
+    ("square", (16, 16), 0.3), ("kagome", (6, 6), 0.3), ("honeycomb", (5, 5), 0.3), ("sc", (3, 3, 3), 0.5),
+    ("bcc", (3, 3, 3), 0.5), ("diamond", (3, 3, 3), 0.5),
+)  # fmt: skip
+
+
+def gas(repeats: int) -> list[Row]:
+    """How many arrays that are pressed from the gas reach f* = 1 in one go, in both geometries, and in which time."""
+    rows = []
+    for lattice, cells, mu in FROM_GAS:
+        balls = replace(PACKING, lattice=lattice)
+        for geometry in ("lattice", "exact"):
+            given: Any = {"friction_history": True, "friction_coefficient": mu, "start": "gas", "geometry": geometry}
+            reached, start = [], time.process_time()
+            for seed in range(SAMPLES):
+                with contextlib.suppress(ConvergenceError):
+                    gp.DirectSimulation(balls, cells, seed, **given).at_force(UNIT)
+                    reached.append(seed)
+            what = f"arrays of {lattice}, {geometry}, that reach f* = 1 from the gas, of {SAMPLES}"
+            note = f"seeds {', '.join(map(str, reached))}; {(time.process_time() - start) / SAMPLES:.1f} s each"
+            rows.append(Row(what, len(reached), note=note))
+    return rows
+
+
 # -- the width of a fit -------------------------------------------------------------------------------------------------
 
 
@@ -580,8 +628,8 @@ def figures(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
-    "squeezed": squeezed, "steps": steps, "truth": truth, "rest": rest, "widths": widths, "energy": energy,
-    "figures": figures,
+    "squeezed": squeezed, "steps": steps, "truth": truth, "rest": rest, "narrow": narrow, "gas": gas, "widths": widths,
+    "energy": energy, "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":
