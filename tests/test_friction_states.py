@@ -903,6 +903,12 @@ def test_a_width_is_fitted_with_friction():
     assert "friction_history=true" in fit.medium
 
 
+def test_a_fit_below_the_start_says_which_datum():
+    medium = {"simulation": {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 0.1}}
+    with pytest.raises(InputError, match=r"datum 2, the lowest, is f\* = 0\.0.* curve .* begins lower: .* below the start"):
+        gp.fit_width(PACKING, [8.0, 0.2, 2.0], [650.0, 250.0, 460.0], 1.0, medium=medium)
+
+
 @pytest.mark.parametrize(
     ("given", "why"),
     [

@@ -355,6 +355,7 @@ def test_plain_data_keep_the_ratio():
     np.testing.assert_array_equal(again.forces, state.forces)
 
 
+@pytest.mark.claim("friction-small-widths")
 @pytest.mark.exhaustive
 def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
     """Loose balls have far to go there, and the farther the smaller W/d; the difference of the forces is of first order."""

@@ -29,7 +29,7 @@ from granphon.array.stencils import Motion
 __all__ = ["approach", "centre", "split"]
 
 Array = NDArray[np.float64]
-#: largest number of steps; and in the true geometry, where loose balls follow the slopes of others: the smaller W/d, the more
+#: largest number of steps; and in the true geometry, where loose balls roll along others, and the longer the smaller W/d is
 _STEPS, _STEPS_IN_TRUTH = 100, 800
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
 _CLOSE = 1e-9

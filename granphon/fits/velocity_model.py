@@ -308,7 +308,12 @@ class VelocityModel:
             state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
             return state, np.asarray(local_exponent(state))
         even = _make_even(packing, self.force, self.waves.finite_overlap)
-        value, slope = self._curve(np.log(even.reduced_force))
+        try:
+            value, slope = self._curve(np.log(even.reduced_force))
+        except InputError as error:
+            i = int(np.argmin(self.force))
+            where = f"datum {i + 1}, the lowest, is f* = {even.reduced_force[i]:.3g} if the width is {packing.width:.3g} m"
+            raise InputError(f"{where}, and the curve through simulated loads begins lower: {error}") from None
         return replace(even, normal_stiffness=packing.width_units.stiffness * np.exp(value)), 0.5 * slope
 
     @property

@@ -453,7 +453,7 @@ def rest(repeats: int) -> list[Row]:
     return rows
 
 
-#: spacings near the threshold, and widths over the diameter, at which arrays of 32 x 32 balls come to rest; with seeds from 0
+#: spacings near the threshold, and widths over the diameter, at which arrays of 32 x 32 balls come to rest; their seeds
 NARROW_SPACINGS, RATIOS, NARROW_SEEDS = (0.4, 0.37), (2.55e-4, 2.55e-6, 2.55e-8, 2.55e-9), range(6)
 
 
