@@ -855,6 +855,17 @@ def end_at(monkeypatch, overlap):
     monkeypatch.setattr(LoadingHistory, "step", fail)
 
 
+@pytest.mark.parametrize(("geometry", "mend"), [("lattice", "Take another seed"), ("exact", 'Take the geometry "lattice"')])
+def test_errors_of_arrays_from_the_gas_advise_no_other_start(monkeypatch, geometry, mend):
+    square = replace(PACKING, lattice="square")
+    pressed = simulation(0.5, (4, 4), square, start="gas", geometry=geometry)
+    with pytest.raises(InputError, match=r"Pressed from the gas.* Raise the load, or unload along a path"):
+        pressed.at_overlap(-0.3 * W)
+    end_at(monkeypatch, 0.01)
+    with pytest.raises(ConvergenceError, match=rf"pressed from the gas, are not in balance beyond .* {mend}"):
+        pressed.at_overlap(0.4 * W)
+
+
 ENDING = options(*HISTORY, "ordered: true", "samples: 2")
 
 

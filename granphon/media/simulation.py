@@ -298,7 +298,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     Parameters
     ----------
     packing : the balls, on a lattice that stands without friction: the chain, the triangular lattice, fcc, hcp, or one given
-        as data.
+        as data; others with a history of friction from the gas.
     shape : (L1, ..., Lp), numbers of cells of a periodic sample along the p vectors of the cell; by default (16384,),
         (128, 128) or (24, 24, 24).
     seed : seed of the first sample; the next ones have the next seeds. Diameters are the same on any machine.
@@ -334,8 +334,9 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load
     that is not finite, not compressive, or presses balls together by their whole diameter; for a load so low that a
     sample carries none (at and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
-    history; and with ``finite_overlap``, whose terms a simulation does not have. They raise
-    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found.
+    history; and with ``finite_overlap`` in the geometry of the lattice, which has no such terms. They raise
+    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends before its last load;
+    ``reached`` of the error is then the state at the loads before.
     """
 
     name = "simulation"
