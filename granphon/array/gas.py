@@ -67,16 +67,12 @@ def press_gas(history: LoadingHistory) -> PressedArray:
         try:
             here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
         except ConvergenceError as error:
-            true = history.ratio > 0.0
-            raise ConvergenceError(
-                message(
-                    f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths",
-                    "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
-                    if true
-                    else "Too few contacts hold them",
-                    'Take the geometry "lattice"' if true else "Take another seed, or another friction coefficient",
-                )
-            ) from error
+            what = f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths"
+            why, mend = "Too few contacts hold them", "Take another seed, or another friction coefficient"
+            if history.ratio:
+                why = "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
+                mend = 'Take the geometry "lattice"'
+            raise ConvergenceError(message(what, why, mend)) from error
         if here.force >= STANDING_FORCE:
             at_rest = _come_to_rest(damped, here)
             if at_rest is not None:

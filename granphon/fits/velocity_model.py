@@ -311,6 +311,8 @@ class VelocityModel:
         try:
             value, slope = self._curve(np.log(even.reduced_force))
         except InputError as error:
+            if error.load_index != 0:  # not the lowest load
+                raise
             i = int(np.argmin(self.force))
             where = f"datum {i + 1}, the lowest, is f* = {even.reduced_force[i]:.3g} if the width is {packing.width:.3g} m"
             raise InputError(f"{where}, and the curve through simulated loads begins lower: {error}") from None
