@@ -20,7 +20,10 @@ from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.steps import Prescribed
 
-__all__ = ["Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product", "find_lack", "multiply"]
+__all__ = [
+    "Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product", "find_boundary_force", "find_lack",
+    "multiply",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
@@ -174,6 +177,11 @@ class LatticePlace:
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self._stencils.shape)])
+
+
+def find_boundary_force(place: Place, forces: Array, shears: Array) -> float:
+    """Return the mean contact force f* at which the pressure is the same where the cell keeps its size."""
+    return place.press(forces, shears) / place.boundary
 
 
 def find_lack(load: Prescribed, place: Place, forces: Array, shears: Array) -> float:

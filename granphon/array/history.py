@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
-from granphon.array.geometry import Geometry, LatticeGeometry, Place
+from granphon.array.geometry import Geometry, LatticeGeometry, Place, find_boundary_force
 from granphon.array.load_step import LoadStep, is_balanced
 from granphon.array.patches import Patches
 from granphon.array.pressing import (
@@ -292,8 +292,7 @@ class LoadingHistory:
         if load.overlap is not None:
             return state.overlap
         if load.on_boundary:
-            place = self._locate(state)
-            return place.press(state.contacts.forces, state.contacts.shears) / place.boundary
+            return find_boundary_force(self._locate(state), state.contacts.forces, state.contacts.shears)
         return state.force
 
     @staticmethod

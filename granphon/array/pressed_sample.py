@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.contact_network import turn_frames
 from granphon.array.equilibrium import Equilibrium, Prescribed
 from granphon.array.friction import SLIDES, Contacts, FrictionLaw
+from granphon.array.geometry import find_boundary_force
 from granphon.array.history import LoadingHistory, PressedArray
 from granphon.array.response import elasticity
 from granphon.array.sample import STEP, Sample, find_density
@@ -122,7 +123,7 @@ class PressedEquilibrium(Equilibrium):
     @property
     def boundary_force(self) -> float:
         """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
-        return self.place.press(self.forces, self.shears) / self.place.boundary if self.ratio else self.force
+        return find_boundary_force(self.place, self.forces, self.shears) if self.ratio else self.force
 
     @cached_property
     def law(self) -> FrictionLaw:

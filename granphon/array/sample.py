@@ -121,8 +121,7 @@ class Sample(Result):
 
         Raises :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a pressure.
         """
-        structure = self.packing.structure
-        return structure.pressure_factor * self.boundary_force / self.packing.diameter ** (structure.periods - 1)
+        return self.packing.pressure_per_force * self.boundary_force
 
     @property
     def normal_stiffness(self) -> float:

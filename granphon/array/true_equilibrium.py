@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
-from granphon.array.geometry import Inverse, find_lack
+from granphon.array.geometry import Inverse, find_boundary_force, find_lack
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
@@ -90,7 +90,7 @@ class TrueEquilibrium(Equilibrium):
     @property
     def boundary_force(self) -> float:
         """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
-        return self.place.press(self.forces, np.zeros((0, *self.forces.shape))) / self.place.boundary
+        return find_boundary_force(self.place, self.forces, np.zeros((0, *self.forces.shape)))
 
     def _act(self, residual: float | None = None) -> ActingForces:
         """Return the contacts that carry load, without friction.

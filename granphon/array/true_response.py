@@ -57,10 +57,6 @@ class ActingForces(NamedTuple):
     shears: Array
     rolling: tuple[Any, Any] = (0.0, 0.0)
 
-    def mean(self, stencils: Stencils) -> float:
-        """Return the mean normal stiffness of contacts."""
-        return float(np.mean(self.springs[: stencils.n_contacts]))
-
 
 def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
     """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
@@ -69,8 +65,8 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
     shape, symmetric = pulls[0].shape, not np.any(acting.shears)
-    stiff = acting.mean(stencils)
-    inverse = _choose_inverse(place, acting, stencils)
+    stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
+    inverse = _choose_inverse(place, acting, stencils, stiff)
     holding = 0.0 if symmetric else HOLDING * stiff
 
     def apply(vector: Array) -> Array:
@@ -99,16 +95,19 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     return found
 
 
-def _choose_inverse(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Inverse:
-    """Return a preconditioner; without tangential forces that of the lattice, for which it has to be positive definite."""
+def _choose_inverse(place: ExactPlace, acting: ActingForces, stencils: Stencils, stiff: float) -> Inverse:
+    """Return a preconditioner; without tangential forces that of the lattice, for which it has to be positive definite.
+
+    ``stiff`` is the mean normal stiffness of contacts.
+    """
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
     tables = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
     if not symmetric and is_small(frame):
-        return factorise(frame, acting.mean(stencils), tables)
+        return factorise(frame, stiff, tables)
     whole = Preconditioners(stencils).choose(acting.springs, hard=True)
     if symmetric:
         return whole
-    alone = invert_balls(frame, acting.mean(stencils), tables)
+    alone = invert_balls(frame, stiff, tables)
     return lambda force: whole(force) + alone(force)
 
 

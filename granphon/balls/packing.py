@@ -200,6 +200,14 @@ class Packing:
             return [*contact, mass, density, contact[1] / mass * length if mass else math.inf]
 
     @property
+    def pressure_per_force(self) -> float:
+        """Pressure over the contact force where the overlap is small: 1/m in the plane, 1/m^2 in space, 1 of a chain.
+
+        Raises :class:`InputError` if the stress of the lattice is not a pressure.
+        """
+        return self.structure.pressure_factor / self.diameter ** (self.structure.periods - 1)
+
+    @property
     def effective_density(self) -> float:
         """Density of the array, the one that belongs to its moduli.
 

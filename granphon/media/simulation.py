@@ -177,8 +177,7 @@ class SimulatedState(SampleMeans):
         """
         if not self.finite_overlap:
             return super().pressure
-        structure, force = self.packing.structure, self._average(lambda sample: sample.boundary_force)
-        return structure.pressure_factor * force / self.packing.diameter ** (structure.periods - 1)
+        return self.packing.pressure_per_force * self._average(lambda sample: sample.boundary_force)
 
     @property
     def elastic_tensor(self) -> Array:

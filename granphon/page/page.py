@@ -132,8 +132,7 @@ def _find_forces(packing: Packing, forces: Sequence[float]) -> tuple[float, floa
 
 def _find_pressure(packing: Packing) -> float | None:
     """Return pressure over force, SI; None if the stress of the lattice is not a pressure."""
-    structure = packing.structure
     try:
-        return structure.pressure_factor / packing.diameter ** (structure.periods - 1)
+        return packing.pressure_per_force
     except InputError:
         return None
