@@ -417,18 +417,7 @@ def test_moduli_under_tangential_forces_are_changes_of_stress():
     found = find_elastic_tensor(place, acting, stencils)
     still = flat(stencils, state.balls)
     twin = Pressed(rest.deviations, ratio, overlap, still, ETA * k.ravel(), state.contacts.shears.ravel())
-    columns = []
-    for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
-        columns.append(np.ravel(twin.balance(still + way) - twin.balance(still - way)) / 2e-6)
-    inverse = np.linalg.pinv(np.array(columns), rcond=1e-9)
-
-    def relax(f):
-        motion = still.copy()
-        for _ in range(5):
-            motion -= (np.ravel(twin.balance(motion, f)) @ inverse).reshape(still.shape)
-        assert np.max(np.abs(twin.balance(motion, f))) < 1e-9
-        return twin.stress_of(motion, f)
-
+    relax = relaxed_stress(twin, still, twin.stress_of)
     expected = np.zeros((3, 3))
     for column, strain in enumerate(STRAINS):
         change = (relax(np.eye(2) + step * strain) - relax(np.eye(2) - step * strain)) / (2.0 * step)
@@ -468,6 +457,23 @@ class Pressed(Positions):
         push, _, _ = self.forces(motion, f)
         area = AREA * len(motion) * (1.0 - self.ratio * self.overlap) ** 2 * np.linalg.det(f)
         return push.T @ self.vectors(motion[:, :2], f) / area
+
+
+def relaxed_stress(twin, still, stress):
+    """The stress of a twin under a deformation, after its balls have come into balance again."""
+    columns = []
+    for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
+        columns.append(np.ravel(twin.balance(still + way) - twin.balance(still - way)) / 2e-6)
+    inverse = np.linalg.pinv(np.array(columns), rcond=1e-9)
+
+    def relax(f):
+        motion = still.copy()
+        for _ in range(8):
+            motion -= (np.ravel(twin.balance(motion, f)) @ inverse).reshape(still.shape)
+        assert np.max(np.abs(twin.balance(motion, f))) < 1e-9
+        return stress(motion, f)
+
+    return relax
 
 
 class InSpace:
@@ -555,17 +561,7 @@ def test_moduli_in_space_under_tangential_forces_are_changes_of_stress(response,
     still = cartesian_in_space(stencils, state._move(stencils))
     twin = InSpace(stencils, x, ratio, overlap, still, ratios * state.stiffnesses, state.shears)
     assert np.max(np.abs(twin.balance(still))) < 2e-9 * state.force
-    columns = []
-    for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
-        columns.append(np.ravel(twin.balance(still + way) - twin.balance(still - way)) / 2e-6)
-    inverse = np.linalg.pinv(np.array(columns), rcond=1e-9)
-
-    def relax(f):
-        motion = still.copy()
-        for _ in range(8):
-            motion -= (np.ravel(twin.balance(motion, f)) @ inverse).reshape(still.shape)
-        assert np.max(np.abs(twin.balance(motion, f))) < 1e-9
-        return twin.stress(motion, f)
+    relax = relaxed_stress(twin, still, twin.stress)
 
     def strained(step):
         changes = np.zeros((6, 6))
