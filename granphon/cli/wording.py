@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.media.choice import Rung
     from granphon.media.cost import Cost
-    from granphon.scene.run import RunResult, SweepResult
+    from granphon.scene.results import RunResult, SweepResult
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 

@@ -18,20 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Prescribed
 from granphon.array.pressed_sample import PressedSample
-from granphon.array.sample import Sample, standard_error
+from granphon.array.sample import Sample
 from granphon.balls.hertz import HertzLaw
-from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
-from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
-from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.loading import LoadedBalls, Loading, press_all, require_above, require_path
 from granphon.media.medium import Loaded
-from granphon.media.sample_means import SampleMeans
+from granphon.media.sampled_waves import SampledWaves
 from granphon.media.state import read_finite_overlap
 
 __all__ = ["DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
@@ -117,7 +114,7 @@ class SampleLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedState(SampleMeans):
+class SimulatedState(SampledWaves):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
@@ -180,38 +177,6 @@ class SimulatedState(SampleMeans):
         return self.packing.pressure_per_force * self._average(lambda sample: sample.boundary_force)
 
     @property
-    def elastic_tensor(self) -> Array:
-        """Elastic tensor in Voigt order: the mean over samples of their linear response.
-
-        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of
-        a chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
-        :attr:`symmetric_tensor`, which has.
-
-        If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of compliances. For several samples
-        without friction the bulk modulus then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
-        """
-        return np.asarray(self._average(lambda sample: sample.elastic_tensor))
-
-    @property
-    def symmetric_tensor(self) -> Array:
-        """The part of :attr:`elastic_tensor` that has the symmetry of the lattice, on average over samples the whole."""
-        return symmetrise(self.elastic_tensor, self.packing.structure)
-
-    @property
-    def is_isotropic(self) -> bool:
-        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry, in space never."""
-        return self.packing.structure.periods == 1 or self._is_isotropic_plane
-
-    @property
-    def _is_isotropic_plane(self) -> bool:
-        return self.packing.structure.periods == 2 and super().is_isotropic
-
-    @property
-    def sampled_tensors(self) -> Array | None:
-        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only one sample."""
-        return self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
-
-    @property
     def mean_errors(self) -> dict[str, Any]:
         """Standard error over samples of the force or overlap, as "force_error" (N) or "overlap_error" (m).
 
@@ -220,38 +185,6 @@ class SimulatedState(SampleMeans):
         """
         name = "force" if self.spaced else "overlap"
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
-
-    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions (n, p), and displacements.
-
-        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both follow from the mean elastic
-        tensor: in an isotropic plane from its bulk and shear modulus.
-        """
-        return self._find_waves(self.elastic_tensor, self.effective_density, direction)
-
-    def _find_waves(self, tensor: Array, density: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples, or of their mean."""
-        structure = self.packing.structure
-        along = as_direction(direction, structure.periods)
-        if not self._is_isotropic_plane:
-            tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
-            return waves_of_tensor(tensor, along)
-        velocities = over_directions(compute_velocities(bulk_and_shear(tensor), density), along)
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        vectors = np.stack([along, across], axis=-1)
-        return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
-
-    def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors of velocities along ``direction``, m/s, in the order of ``wave_names``; None of one."""
-        every = self.sampled_tensors
-        if every is None:
-            return None
-        velocities, _ = self._find_waves(every, np.asarray(self.effective_density)[..., None], direction)
-        return standard_error(velocities, len(self.shape))
-
-    def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        return sample_scales(self, direction, names)
 
     @property
     def exponent(self) -> Any:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from granphon.media.cost import Cost
-    from granphon.scene.run import RunResult, SweepResult
+    from granphon.scene.results import RunResult, SweepResult
 
 __all__ = ["BandPath", "Load", "Scene", "force_of_frame"]
 
