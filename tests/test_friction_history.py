@@ -718,6 +718,37 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
 
 
+@pytest.mark.claim("friction-gas-energy")
+@pytest.mark.parametrize(("lattice", "shape"), [(TRIANGULAR, (6, 6)), (SQUARE, (4, 4))])
+def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape):
+    """Their own work, stiffness times the square of the motion in a step, is not what the energy is found from."""
+    off = []
+    for finer in (1, 2, 4):  # equally viscous dashpots resist a shorter step more
+        paths = history(shape, 0.3, lattice=lattice, start="gas", drag=finer * gas.DRAG)
+        first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
+        here, taken = paths.place(np.zeros((2, *shape)), first), 0.0
+        for _ in range(36 * finer):
+            before, here = here, paths.step([here], Prescribed(overlap=here.overlap + gas.STEP / finer))
+            loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
+            slip = here.contacts.slips - before.contacts.slips
+            taken += paths.drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
+        assert here.force > 0.01
+        assert here.work - here.dissipated == pytest.approx(here.stored, rel=1e-9)
+        off.append(abs(here.damped / taken - 1.0))
+    assert off[0] < 0.2
+    assert off[1] < off[0] / 3.0
+    assert off[2] < off[1] / 3.0
+
+
+@pytest.mark.claim("friction-gas-energy")
+def test_the_energy_of_an_array_from_the_gas_is_kept():
+    paths = history((6, 6), 0.3, lattice=SQUARE, start="gas", tolerance=1e-4)
+    begun, last = paths.begin(), run(paths, [Prescribed(force=f) for f in np.linspace(0.05, 0.5, 10)])[-1]
+    assert begun.damped > 0.02 * begun.work
+    assert last.damped == begun.damped
+    assert last.work - last.dissipated == pytest.approx(last.stored, rel=2e-3)
+
+
 @pytest.mark.claim("friction-gas")
 def test_the_honeycomb_stands_with_friction_alone():
     """Two balls of three motions, and three contacts of two forces: 3 L motions cost nothing, but no load moves them."""

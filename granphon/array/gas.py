@@ -92,19 +92,14 @@ def _come_to_rest(damped: LoadingHistory, here: PressedArray) -> PressedArray | 
     pushed = ratio > 0.0 and len(damped.stencils.shape) == 3
     weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
     for _ in range(_MOST_STEPS):
-        before, stronger, slower = here, drag, moved
-        drag = max(_WEAKER * drag, weakest)
-        try:
-            here = replace(damped, drag=drag).step([before], load)
-            if here.force < 0.5 * STANDING_FORCE:
-                return None
-            now, then = here.contacts, before.contacts
-            moved = max(float(np.max(np.abs(a - b))) for a, b in ((now.overlaps, then.overlaps), (now.slips, then.slips)))
-            if drag == stronger and moved > slower:
-                return None
-            if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
-                at_rest = replace(damped, drag=0.0).step([here], load)
-                return at_rest if at_rest.force >= 0.5 * STANDING_FORCE else None
-        except ConvergenceError:
+        stronger, slower, drag = drag, moved, max(_WEAKER * drag, weakest)
+        after = damped.settle(here, load, drag)
+        if after is None or after.force < 0.5 * STANDING_FORCE:
             return None
+        here, moved = after, after.measure_motion(here)
+        if drag == stronger and moved > slower:
+            return None
+        if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
+            at_rest = damped.settle(here, load, 0.0)
+            return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
     return None

@@ -243,12 +243,12 @@ class LoadingHistory:
         ahead, halvings, failed = [load], 0, 0
         while ahead:
             here = trail[-1]
-            step = LoadStep(self._geometry, self._law, here, self._locate(here), ahead[-1], self._patches, self.drag)
             # where friction alone holds balls, shorter steps of the load help sooner
-            trial = step.solve(*self._extrapolate(trail, ahead[-1]), patient=self.start != GAS)
+            patient = self.start != GAS
+            trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), patient)
             failed += trial.newton
             if is_balanced(trial):
-                trail = [*trail[-2:], self._arrive(trail, trial)]
+                trail = [*trail[-2:], self._arrive(trail, trial, bool(self.drag))]
                 failed -= trial.newton
                 ahead.pop()
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
@@ -263,6 +263,17 @@ class LoadingHistory:
                 halvings += 1
                 ahead.append(self._between(trail[-1], ahead[-1]))
         return trail[-1]
+
+    def settle(self, here: PressedArray, load: Prescribed, drag: float) -> PressedArray | None:
+        """Return the state to which balls come from ``here`` in one step, slowed by dashpots; None if it is not found.
+
+        Unlike :meth:`step`, it is not sought in shorter steps.
+        """
+        trial = self._make_step(here, load, drag).solve(*self._extrapolate([here], load))
+        return self._arrive([here], trial, True) if is_balanced(trial) else None
+
+    def _make_step(self, here: PressedArray, load: Prescribed, drag: float) -> LoadStep:
+        return LoadStep(self._geometry, self._law, here, self._locate(here), load, self._patches, drag)
 
     @staticmethod
     def _name(load: Prescribed) -> str:
@@ -307,15 +318,18 @@ class LoadingHistory:
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
         return balls, float(y)
 
-    def _arrive(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
-        """Return the state at the end of a step, with energies."""
+    def _arrive(self, trail: Sequence[PressedArray], trial: Trial, slowed: bool) -> PressedArray:
+        """Return the state at the end of a step, with energies; ``slowed`` says whether dashpots took some of it."""
         here = trail[-1]
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
-            here.loosened + loosened, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
+            here.loosened + loosened, here.damped, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
         self._located.append((trial.balls, trial.place))
         states = [*trail[-2:], state]
         presses = [self._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
-        return replace(state, work=here.work + integrate_last([one.overlap for one in states], presses))
+        work = integrate_last([one.overlap for one in states], presses)
+        # dashpots take what the load gives and contacts neither store nor lose
+        damped = work - (state.stored - here.stored) - slid - loosened if slowed else 0.0
+        return replace(state, work=here.work + work, damped=here.damped + damped)

@@ -55,10 +55,13 @@ class PressedEquilibrium(Equilibrium):
     shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a plane has one.
     mindlin_ratio, friction_coefficient : eta and mu.
     work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
+    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots
+        between the gas and rest; as ``work``.
     steps : number of steps of the load since the start.
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
     """
+
+    added = (*Equilibrium.added, "damped")
 
     rotations: Array = field(default_factory=lambda: np.zeros(0))
     shears: Array = field(default_factory=lambda: np.zeros(0))
@@ -67,6 +70,7 @@ class PressedEquilibrium(Equilibrium):
     work: float = 0.0
     slid: float = 0.0
     loosened: float = 0.0
+    damped: float = 0.0
     steps: int = 0
     ratio: float = 0.0
 
@@ -80,7 +84,7 @@ class PressedEquilibrium(Equilibrium):
             deviations=deviations, overlap=pressed.overlap, balls=moved, residual=pressed.residual, newton=pressed.newton,
             conjugate=pressed.krylov, lattice=stencils.lattice, rotations=turned, shears=pressed.contacts.shears,
             mindlin_ratio=stencils.mindlin_ratio, friction_coefficient=pressed.law.friction_coefficient, work=pressed.work,
-            slid=pressed.slid, loosened=pressed.loosened, steps=pressed.steps, ratio=ratio,
+            slid=pressed.slid, loosened=pressed.loosened, damped=pressed.damped, steps=pressed.steps, ratio=ratio,
         )  # fmt: skip
 
     def check(self) -> None:
@@ -141,7 +145,7 @@ class PressedEquilibrium(Equilibrium):
         """Return the state as a history takes it up again."""
         return PressedArray(
             self.overlap, self._move(self.sheared), self.contacts, self.law, self.residual, self.work, self.slid,
-            self.loosened, self.steps, self.newton, self.conjugate,
+            self.loosened, self.damped, self.steps, self.newton, self.conjugate,
         )  # fmt: skip
 
     @property
@@ -292,8 +296,8 @@ class PressedSample(Sample):
 
     @property
     def dissipated_energy(self) -> float:
-        """Energy lost since the start, a mean over contacts, J: by sliding, and by Mindlin's law."""
-        return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened)
+        """Energy lost since the start, a mean over contacts, J: by sliding, by Mindlin's law, from the gas by dashpots."""
+        return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened + self.equilibrium.damped)
 
     @property
     def slid_energy(self) -> float:

@@ -37,7 +37,8 @@ class PressedArray:
     law : of the contacts.
     residual : largest force or torque (over the diameter) left on a ball, over the mean normal force.
     work : of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
+    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots
+        between the gas and rest; as ``work``.
     steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the start.
     """
 
@@ -49,6 +50,7 @@ class PressedArray:
     work: float = 0.0
     slid: float = 0.0
     loosened: float = 0.0
+    damped: float = 0.0
     steps: int = 0
     newton: int = 0
     krylov: int = 0
@@ -66,7 +68,12 @@ class PressedArray:
     @property
     def dissipated(self) -> float:
         """Energy lost since the start, a mean over contacts, in units of c W^(5/2)."""
-        return self.slid + self.loosened
+        return self.slid + self.loosened + self.damped
+
+    def measure_motion(self, before: PressedArray) -> float:
+        """Return the largest change of an overlap or a slip since another state, in W."""
+        now, then = self.contacts, before.contacts
+        return max(float(np.max(np.abs(a - b))) for a, b in ((now.overlaps, then.overlaps), (now.slips, then.slips)))
 
     @property
     def sliding_fraction(self) -> float:

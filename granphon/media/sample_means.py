@@ -128,5 +128,6 @@ class SampleMeans(ContactState):
     )
     work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
     dissipated_energy = _average_history(
-        "dissipated_energy", "Energy lost to friction since the start, a mean over contacts, J"
+        "dissipated_energy",
+        "Energy lost since the start, a mean over contacts, J",
     )

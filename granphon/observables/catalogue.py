@@ -253,7 +253,7 @@ _OBSERVABLES = (
         "tangential_ratio", "mean tangential force over the mean normal force", label="Tangential over normal force"
     ),
     _make_state_entry("work", "work of the load since the start of a history, a mean over contacts"),
-    _make_state_entry("dissipated_energy", "energy lost to friction since the start of a history, a mean over contacts"),
+    _make_state_entry("dissipated_energy", "energy lost since the start of a history, a mean over contacts"),
     Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
