@@ -714,20 +714,22 @@ def test_damaged_texts_without_a_digest_give_no_foreign_error(written, tmp_path,
 
 
 @pytest.mark.parametrize(
-    ("start", "said"),
+    ("start", "said", "seconds"),
     [
-        (300, "HDF5 fails on it"),
-        # with this one HDF5 is busy for a minute, or until the process that tries it is stopped
-        pytest.param(600, "cannot be read", marks=pytest.mark.exhaustive),
+        (300, "HDF5 fails on it", archive.TRIAL_SECONDS),
+        # with this one HDF5 is busy for minutes, or until the process that tries it is stopped
+        pytest.param(600, "cannot be read", 3.0, marks=pytest.mark.exhaustive),
     ],
 )
-def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path, start, said):
+def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path, start, said, seconds):
     # zeros in the head of the file, behind which no trailer stands: one line, and no traceback of a destructor
     raw = bytearray((written / "sweep.nc").read_bytes()[:-101])
     raw[start : start + 900] = bytes(900)
     (tmp_path / "sweep.nc").write_bytes(raw)
+    command = "import sys; from granphon.cli.commands import main; from granphon.sweeps import archive; "
+    command += f"archive.TRIAL_SECONDS = {seconds}; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
-        [sys.executable, "-m", "granphon", "plot", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", command, "plot", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

@@ -13,6 +13,8 @@ In the true geometry contacts push balls aside, with W/d of their force. In spac
 which half are open, an array gives way however slowly it is let go. Dashpots are there not weakened below several times that
 stiffness: if balls move faster from one step to the next, the array gives way.
 
+What the load gives and contacts neither store nor lose, dashpots take; it counts as lost.
+
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
 arrays; the tests state it.
 """
