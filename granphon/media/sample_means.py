@@ -127,7 +127,4 @@ class SampleMeans(ContactState):
         "tangential_ratio", "Mean magnitude of the tangential forces over the mean normal force"
     )
     work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
-    dissipated_energy = _average_history(
-        "dissipated_energy",
-        "Energy lost since the start, a mean over contacts, J",
-    )
+    dissipated_energy = _average_history("dissipated_energy", "Energy lost since the start, a mean over contacts, J")
