@@ -17,7 +17,8 @@ from granphon.base.errors import FileExistsInRunError, OutputError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.written_files import LIST
 from granphon.cli.commands import main
-from granphon.scene.run import expected_files, run
+from granphon.scene.result_files import expected_files
+from granphon.scene.run import run
 from granphon.scene.scene import Scene
 
 SCENE = """\

@@ -30,9 +30,9 @@ from granphon.base.written_files import LIST
 from granphon.cli.commands import main
 from granphon.cli.wording import write_quantity
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import RESULT_FILES, WORK_FILE
+from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
 from granphon.scene.results import SweepResult
-from granphon.scene.run import expected_files, is_complete
+from granphon.scene.run import is_complete
 from granphon.scene.scene import Load, Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.entries import read_entries

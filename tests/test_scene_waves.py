@@ -11,7 +11,7 @@ from granphon.media.acoustics import ideal_lattice
 from granphon.phonons.paths import BandPath
 from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
-from granphon.scene.run import expected_files
+from granphon.scene.result_files import expected_files
 from granphon.scene.sample_waves import read_waves
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 

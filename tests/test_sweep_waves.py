@@ -11,7 +11,7 @@ from granphon.media import cost
 from granphon.media.acoustics import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.scene.redraw import redraw
-from granphon.scene.run import expected_files
+from granphon.scene.result_files import expected_files
 from granphon.sweeps.archive import load_sweep
 from granphon.waves.path_spectra import find_path_points
 

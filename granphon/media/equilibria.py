@@ -32,12 +32,12 @@ Array = NDArray[np.float64]
 
 def reduce_load(packing: Packing, load: Load) -> Array:
     """Return f* of each value of an applied load, or a* of a load that is given as an overlap, with its shape."""
-    units, structure, values = packing.width_units, packing.structure, load.array
+    units, values = packing.width_units, load.array
     with np.errstate(all="ignore"):  # beyond the floating range f* and a* are infinite
         if load.kind == "overlap":
             return np.asarray(units.reduced_spacing(values))
         if load.kind == "pressure":
-            values = values * (packing.diameter ** (structure.periods - 1) / structure.pressure_factor)
+            values = values / packing.pressure_per_force
         return np.asarray(units.reduced_force(values))
 
 

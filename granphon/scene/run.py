@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
     from granphon.scene.scene import Scene
 
-__all__ = ["expected_files", "is_complete", "run"]
+__all__ = ["is_complete", "run"]
 
 #: version number of the layout of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
