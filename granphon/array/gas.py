@@ -1,13 +1,12 @@
 """The beginning of a loading history from the gas: balls apart on their sites, pressed with friction until they stand.
 
 Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array then comes to rest by what damps
-it, and so does this one: in each step of the load, dashpots between neighbours resist what these move against each other
-since the step before, with :data:`DRAG` times the displacement over the step (in units of c W^(1/2)); slips meet eta times
-as much. Balls that nothing pushes stay where they are. The overlap grows by :data:`STEP` at a time from the first contact
-on. When the mean force has come to :data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come
-to rest or give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next to nothing they
-are taken away. If the array then bears at least half of this force, in balance, it stands, and its history begins there; if
-it gives way before, or is not at rest after many steps, it is pressed on.
+it, and so does this one: in each step of the load, dashpots between neighbours (:mod:`granphon.array.dashpots`) resist what
+these move against each other. Balls that nothing pushes stay where they are. The overlap grows by :data:`STEP` at a time
+from the first contact on. When the mean force has come to :data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is
+held, and the balls come to rest or give way, in steps of time that grow: dashpots are weakened from step to step. When they
+bear next to nothing they are taken away. If the array then bears at least half of this force, in balance, it stands, and its
+history begins there; if it gives way before, or is not at rest after many steps, it is pressed on.
 
 In the true geometry contacts push balls aside, with W/d of their force. In space, where too few contacts resist, as in sc of
 which half are open, an array gives way however slowly it is let go. Dashpots are there not weakened below several times that
@@ -26,6 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granphon.array.dashpots import DRAG, WEAKER
+from granphon.array.load_step import HASTY
 from granphon.array.steps import Prescribed
 from granphon.base.errors import ConvergenceError, message
 
@@ -36,14 +37,12 @@ __all__ = ["DRAG", "GAS", "STANDING_FORCE", "STEP", "press_gas"]
 
 #: name of this start
 GAS = "gas"
-#: stiffness of dashpots within a step
-DRAG = 1e-2
 #: change of the overlap in a step
 STEP = 0.0125
 #: mean force at which an array that has been a gas has to stand
 STANDING_FORCE = 2e-2
-#: factor by which dashpots are weakened from one step at held overlap to the next, and the most such steps
-_WEAKER, _MOST_STEPS = 0.3, 30
+#: largest number of steps at held overlap
+_MOST_STEPS = 30
 #: largest force of a dashpot, over the mean force, with which they are taken away
 _NEXT_TO_NOTHING = 1e-3
 #: largest motion in a step with the weakest dashpots with which they are taken away there, in W
@@ -94,14 +93,14 @@ def _come_to_rest(damped: LoadingHistory, here: PressedArray) -> PressedArray | 
     pushed = ratio > 0.0 and len(damped.stencils.shape) == 3
     weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
     for _ in range(_MOST_STEPS):
-        stronger, slower, drag = drag, moved, max(_WEAKER * drag, weakest)
-        after = damped.settle(here, load, drag)
+        stronger, slower, drag = drag, moved, max(WEAKER * drag, weakest)
+        after = damped.settle([here], load, drag, HASTY)
         if after is None or after.force < 0.5 * STANDING_FORCE:
             return None
         here, moved = after, after.measure_motion(here)
         if drag == stronger and moved > slower:
             return None
         if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
-            at_rest = damped.settle(here, load, 0.0)
+            at_rest = damped.settle([here], load, 0.0, HASTY)
             return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
     return None

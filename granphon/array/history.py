@@ -8,7 +8,8 @@ ball are in balance,
     C_n^T f = C_s^T T
 
 where C_n and C_s are the rows of C for elongations and slips. Newton's method (:mod:`granphon.array.load_step`) solves this,
-from the polynomial in the load through the last states, three at most. A step that fails is taken in two halves.
+from the polynomial in the load through the last states, three at most. Where it fails, dashpots slow the balls down
+(:mod:`granphon.array.dashpots`); where they too find no balance, the step is taken in two halves.
 
 The work of the load is the integral of f* dy for each contact; in the limit of short steps it is what the contacts store and
 lose. Between two states f* is taken from the parabola through them and the one before.
@@ -24,11 +25,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.dashpots import give_way
 from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry, Place, find_boundary_force
-from granphon.array.load_step import LoadStep, is_balanced
+from granphon.array.load_step import HASTY, PATIENT, SMALL_FRICTION, Lags, LoadStep, is_balanced
 from granphon.array.patches import Patches
 from granphon.array.pressing import (
     BALANCE_TOLERANCE,
@@ -60,8 +62,10 @@ _CAUTION = 2.0
 _SAME_LOAD = 1e-12
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
-#: number of steps of Newton's method that have led to no balance, after which a load is given up
-_MOST_FAILED = 1300
+#: number of halvings below which limits of sliding are not looked for again, as they were in the whole step: it takes long
+_LAG_HALVINGS = 6
+#: number of steps without a balance after which a load is given up
+_MOST_FAILED = 40
 #: number of steps to one load
 _MOST_STEPS = 500
 
@@ -236,41 +240,49 @@ class LoadingHistory:
     def step(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
-        Where Newton's method fails, the load is reached in two steps or more.
+        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
         ahead, halvings, failed = [load], 0, 0
+        # with small friction balls come into balance only in stages, which steps with dashpots do without
+        falls = not self.drag and self.friction_coefficient >= SMALL_FRICTION
         while ahead:
             here = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
-            patient = self.start != GAS
-            trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), patient)
-            failed += trial.newton
+            patience = HASTY if self.start == GAS else PATIENT
+            lags = None if falls and 0 < halvings < _LAG_HALVINGS else patience
+            trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
             if is_balanced(trial):
-                trail = [*trail[-2:], self._arrive(trail, trial, bool(self.drag))]
-                failed -= trial.newton
-                ahead.pop()
+                arrived = self._arrive(trail, trial)
+                trail = [*trail[-2:], _take_rest(here, arrived) if self.drag else arrived]
+            elif falls and trial.left < math.inf and (at_rest := give_way(self, trail, ahead[-1])) is not None:
+                trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
                 last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
                 raise self._explain(load, f"no load is left on the balls; {last}", "End the path before this load")
             elif (
-                halvings == _MOST_HALVINGS or failed > _MOST_FAILED or self.measure(here, ahead[-1]) == self._aim(ahead[-1])
+                halvings == _MOST_HALVINGS or failed == _MOST_FAILED or self.measure(here, ahead[-1]) == self._aim(ahead[-1])
             ):
-                last = f"it was last at an overlap of {trail[-1].overlap:.6g} widths, f* = {trail[-1].force:.3g}"
+                last = f"it was last at an overlap of {here.overlap:.6g} widths, f* = {here.force:.3g}"
                 raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
             else:
-                halvings += 1
-                ahead.append(self._between(trail[-1], ahead[-1]))
+                halvings, failed = halvings + 1, failed + 1
+                ahead.append(self._between(here, ahead[-1]))
+                continue
+            halvings = max(0, halvings - 1)
+            ahead.pop()
         return trail[-1]
 
-    def settle(self, here: PressedArray, load: Prescribed, drag: float) -> PressedArray | None:
-        """Return the state to which balls come from ``here`` in one step, slowed by dashpots; None if it is not found.
+    def settle(
+        self, trail: Sequence[PressedArray], load: Prescribed, drag: float, lags: Lags | None = None
+    ) -> PressedArray | None:
+        """Return the state to which balls come from the last of the ``trail`` in one step, slowed by dashpots.
 
-        Unlike :meth:`step`, it is not sought in shorter steps.
+        It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
         """
-        trial = self._make_step(here, load, drag).solve(*self._extrapolate([here], load))
-        return self._arrive([here], trial, True) if is_balanced(trial) else None
+        trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
+        return _take_rest(trail[-1], self._arrive(trail, trial)) if is_balanced(trial) else None
 
     def _make_step(self, here: PressedArray, load: Prescribed, drag: float) -> LoadStep:
         return LoadStep(self._geometry, self._law, here, self._locate(here), load, self._patches, drag)
@@ -318,8 +330,8 @@ class LoadingHistory:
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
         return balls, float(y)
 
-    def _arrive(self, trail: Sequence[PressedArray], trial: Trial, slowed: bool) -> PressedArray:
-        """Return the state at the end of a step, with energies; ``slowed`` says whether dashpots took some of it."""
+    def _arrive(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
+        """Return the state at the end of a step, with energies."""
         here = trail[-1]
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
@@ -330,6 +342,10 @@ class LoadingHistory:
         states = [*trail[-2:], state]
         presses = [self._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
         work = integrate_last([one.overlap for one in states], presses)
-        # dashpots take what the load gives and contacts neither store nor lose
-        damped = work - (state.stored - here.stored) - slid - loosened if slowed else 0.0
-        return replace(state, work=here.work + work, damped=here.damped + damped)
+        return replace(state, work=here.work + work)
+
+
+def _take_rest(before: PressedArray, after: PressedArray) -> PressedArray:
+    """Return the state after a step in which dashpots take what the load gives and contacts neither store nor lose."""
+    rest = after.work - before.work - (after.stored - before.stored)
+    return replace(after, damped=before.damped + rest - (after.slid - before.slid) - (after.loosened - before.loosened))

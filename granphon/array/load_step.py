@@ -24,7 +24,7 @@ from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.steps import Prescribed
 
-__all__ = ["LoadStep", "is_balanced"]
+__all__ = ["HASTY", "PATIENT", "SMALL_FRICTION", "Lags", "LoadStep", "is_balanced"]
 
 Array = NDArray[np.float64]
 #: fraction by which a given mean force may be missed
@@ -36,7 +36,7 @@ _NEWTON_STEPS, _PATIENCE = 120, 15
 _SHORT_PATIENCE = 5
 #: friction coefficient below which contacts are made soft against slip at first; by how much they then become stiffer at a
 #: time; the part of it that may be left of balance then; and the largest number of steps of Newton's method for each
-_SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
+SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
 #: largest number of times that they become stiffer: smaller numbers lose digits
 _MOST_STAGES = 300
 #: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
@@ -86,13 +86,13 @@ class Lags(NamedTuple):
 
 #: without patience, and with it: a ball that is squeezed out from between others has a long way to go, on which the limits
 #: change little at a time
-_HASTY, _PATIENT = Lags(30, 600, 1e-2, 1), Lags(80, 900, 1e-4, 8)
+HASTY, PATIENT = Lags(30, 600, 1e-2, 1), Lags(80, 900, 1e-4, 8)
 
 
 class LoadStep:
     """A step of the load, from the state ``here``, at its ``place``, to the balance of forces and torques under ``load``.
 
-    ``drag`` is the stiffness of dashpots between neighbours, for :mod:`granphon.array.gas`.
+    ``drag`` is the stiffness of dashpots between neighbours, see :mod:`granphon.array.dashpots`.
     """
 
     def __init__(
@@ -112,18 +112,18 @@ class LoadStep:
         # dashpots hold balls whose contacts all slide
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
-    def solve(self, balls: Array, overlap: float, patient: bool = False) -> Trial:
+    def solve(self, balls: Array, overlap: float, lags: Lags | None) -> Trial:
         """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
 
         Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
-        to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
-        which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
-        ``patient`` takes more time for it.
+        to and fro between the two sides of Coulomb's limit. So in a second attempt, if ``lags`` are given, the limit is that
+        of given overlaps, at which there is always an equilibrium; the overlaps found give a new limit, and from there
+        Newton's method is tried.
         """
         near = self._stiffen(self._try(balls, overlap))
         trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
-        if not is_balanced(trial) and self._slides:
-            lags, lagged, tried = _PATIENT if patient else _HASTY, trial.follow(near), math.inf
+        if lags is not None and not is_balanced(trial) and self._slides:
+            lagged, tried = trial.follow(near), math.inf
             for lag in range(1, lags.most + 1):
                 if lagged.left == math.inf or lagged.newton > near.newton + lags.steps:
                     break
@@ -148,10 +148,10 @@ class LoadStep:
         is near the one before. The limits of sliding are those of the overlaps before, which friction hardly changes.
         """
         mu, guess, first = self._law.friction_coefficient, None, trial
-        if not self._slides or self._drag or mu >= _SMALL_FRICTION:
+        if not self._slides or self._drag or mu >= SMALL_FRICTION:
             return trial
         # a difference of logarithms: the ratio of the smallest numbers overflows
-        stages = math.ceil((math.log(_SMALL_FRICTION) - math.log(mu)) / math.log(_STIFFER))
+        stages = math.ceil((math.log(SMALL_FRICTION) - math.log(mu)) / math.log(_STIFFER))
         for stage in range(min(stages, _MOST_STAGES), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
             step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._patches, self._drag)

@@ -55,8 +55,8 @@ class PressedEquilibrium(Equilibrium):
     shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a plane has one.
     mindlin_ratio, friction_coefficient : eta and mu.
     work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots
-        between the gas and rest; as ``work``.
+    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots,
+        between the gas and rest and where balls fall; as ``work``.
     steps : number of steps of the load since the start.
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
     """
@@ -296,7 +296,7 @@ class PressedSample(Sample):
 
     @property
     def dissipated_energy(self) -> float:
-        """Energy lost since the start, a mean over contacts, J: by sliding, by Mindlin's law, from the gas by dashpots."""
+        """Energy lost since the start, a mean over contacts, J: by sliding, by Mindlin's law, and to dashpots."""
         return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened + self.equilibrium.damped)
 
     @property

@@ -37,8 +37,8 @@ class PressedArray:
     law : of the contacts.
     residual : largest force or torque (over the diameter) left on a ball, over the mean normal force.
     work : of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots
-        between the gas and rest; as ``work``.
+    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots,
+        between the gas and rest and where balls fall; as ``work``.
     steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the start.
     """
 
@@ -60,7 +60,7 @@ class PressedArray:
         """Mean normal force f*, over all contacts, open ones included."""
         return float(np.mean(self.contacts.forces))
 
-    @property
+    @cached_property
     def stored(self) -> float:
         """Mean energy that a contact stores, in units of c W^(5/2)."""
         return self.law.stored(self.contacts)
