@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import runpy
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,8 +38,8 @@ from granphon.figures.work_precision import plot_work_precision
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parent / "examples"
-#: resolution of pictures, in dots per inch, and the greatest width, in dots: a page shows it some 700 wide
-_DPI, _WIDTH = 187.5, 1200
+#: greatest resolution of pictures, in dots per inch, and the greatest width, in dots: a page shows it some 700 wide
+_DPI, _WIDTH = 300, 1200
 #: colours that are left of a picture: as many as leave its file below 100 kB
 _COLOURS = 256, 128, 64, 32
 MOST_BYTES = 100_000
@@ -303,6 +304,12 @@ def draw_machines() -> Any:
     return figure
 
 
+def draw_run() -> Any:
+    """What ``granphon run`` draws of the array of the first page."""
+    with tempfile.TemporaryDirectory() as folder:
+        return gp.Scene.from_yaml(EXAMPLES / "steel_hexagon.yaml").run(folder, figures=False, force=True).figure("bands.png")
+
+
 def of_example(name: str) -> Callable[[], Any]:
     """The figure of an example."""
     return lambda: runpy.run_path(str(EXAMPLES / f"{name}.py"))["figure"]
@@ -310,7 +317,8 @@ def of_example(name: str) -> Callable[[], Any]:
 
 #: how each picture is made: by a function, or as the text says
 IMAGES: dict[str, Callable[[], Any] | str] = {
-    "bands": of_example("steel_bands"),
+    "bands": draw_run,
+    "long_waves": of_example("steel_bands"),
     "conjecture": of_example("conjecture"),
     "disorder_in_space": of_example("disorder_in_space"),
     "force_chains": of_example("force_chains"),
@@ -344,7 +352,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
 def save(figure: Any, path: Path) -> None:
     """Write a figure as a small file of few colours."""
     held = io.BytesIO()
-    figure.savefig(held, dpi=_DPI, format="png")
+    figure.savefig(held, dpi=min(_DPI, _WIDTH / figure.get_figwidth()), format="png")
     plt.close(figure)
     reduce(Image.open(held), path)
 

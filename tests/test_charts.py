@@ -294,6 +294,15 @@ def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
     assert_array_equal(plot_exponent(data, Figure().subplots()).lines[0].get_xdata(), values)
 
 
+def test_names_of_a_path_stand_beside_the_right_ends_of_its_lines():
+    history = {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.2, "ordered": True}
+    data = sweep(PACKING, force=[2.0, 40.0, 5.0], media=[{"simulation": history}])
+    upper, _ = sweep_figure(data).axes
+    heights = {text.get_text(): text.xy[1] for text in upper.texts}
+    greatest = data.isel(load=int(np.argmax(data["force"].values)), medium=0)
+    assert heights == {"$v_L$": float(greatest["longitudinal"]), "$v_T$": float(greatest["transverse"])}
+
+
 def test_slow_and_fast_transverse_waves_are_told_apart():
     packing = gp.Packing(STEEL, 8e-3, lattice="hcp")
     both = sweep(packing, force=[20.0, 40.0], media=("ala", {"simulation": {"shape": (2, 2, 2)}}), direction=(1, 0, 0.5))

@@ -312,6 +312,18 @@ def test_there_are_links_to_check():
     assert {"docs/reference/scene.md", "docs/images/bands.png", "CITATION.cff"} <= set(links(ROOT / "README.md"))
 
 
+def test_the_picture_of_the_readme_is_what_its_command_draws(tmp_path):
+    from PIL import Image
+
+    picture = next(target for target in links(ROOT / "README.md") if target.endswith(".png"))
+    result = gp.Scene.from_yaml(ROOT / "examples" / "steel_hexagon.yaml").run(tmp_path / "out")
+    drawn = Image.open(tmp_path / "out" / "bands.png").convert("L")
+    held = Image.open(ROOT / picture).convert("L").resize(drawn.size)
+    shades = np.array([np.asarray(one, float) for one in (drawn, held)])
+    assert np.mean(np.abs(shades[0] - shades[1]) > 100.0) < 3e-3  # dashed lines are 8e-3
+    assert result.failures == ()
+
+
 def test_the_readme_starts_with_the_commands_that_install_run_and_test():
     (_, _, install), (_, _, test) = blocks(ROOT / "README.md", "sh")[:2]
     scene_file = "examples/steel_hexagon.yaml"

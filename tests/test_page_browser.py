@@ -150,6 +150,37 @@ def test_sliders_move_by_the_keyboard_and_redraw(chromium, folder):
         assert state(page) == after
 
 
+@pytest.mark.parametrize("lightest", [0.02, 0.3, 0.9])
+def test_the_axis_of_frequencies_shrinks_with_the_load(chromium, folder, lightest):
+    """At rest the highest frequency is always at the same height, whatever was shown before."""
+    with Visit(chromium, folder / "fcc.html") as page:
+        page.wait_for_function(DRAWN)
+        for factor in (1.0, lightest):
+            page.evaluate("(factor) => granphon.change({ force: factor * data.limits.force[1] })", factor)
+            page.wait_for_timeout(REST)
+        top, axis, drawn = page.evaluate(
+            "() => [current.top * current.unit.scale, bandsView.axisTop, bandsView.element.layout.yaxis.range[1]]"
+        )
+    assert axis == drawn == pytest.approx(1.1 * top, rel=0.01)
+
+
+def test_a_colour_means_the_same_in_bands_and_density_of_states(chromium, folder):
+    with Visit(chromium, folder / "triangular.html") as page:
+        page.wait_for_function("() => bandsView.element.data.length > 1")
+        colours = page.evaluate(
+            "() => Object.fromEntries(bandsView.element.data.slice(1).map((one) => [one.name, one.line.color]))"
+        )
+        ends = page.evaluate("() => [themeColour('move'), themeColour('turn'), themeColour('ink')]")
+        sums = page.evaluate("() => bandsView.element.data.slice(1).map((one) => one.x.reduce((sum, x) => sum + x, 0))")
+        assert colours == dict(zip(("moving", "turning", "total"), ends, strict=True))
+        assert sums == pytest.approx([2.0 / 3.0 * sums[2], 1.0 / 3.0 * sums[2], sums[2]])
+        page.evaluate("() => granphon.change({ eta: 0 })")
+        page.wait_for_timeout(REST)
+        page.wait_for_function("() => bandsView.element.data.length > 1")
+        left = page.evaluate("() => bandsView.element.data.slice(1).map((one) => [one.name, one.line.color])")
+        assert left == [["total", ends[2]]]  # nothing rotates: no part has a line of its own
+
+
 def test_a_click_on_a_branch_shows_its_mode(chromium, folder):
     with Visit(chromium, folder / "triangular.html") as page:
         page.wait_for_function(DRAWN)

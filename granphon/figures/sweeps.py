@@ -228,8 +228,10 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str,
         plot_sweep(dataset, ax, variable, x, legend=False)
         if variable == _PULSE:
             continue  # the legend names its marks, which are often near those of long waves
-        last_values = [float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if line.get_gid() == f"{variable}-all"]
-        if known := [value for value in last_values if np.isfinite(value)]:
+        # at the right end of each line: a path may turn, and end anywhere
+        lines = [np.asarray(line.get_xydata()) for line in ax.lines if line.get_gid() == f"{variable}-all"]
+        right = [float(line[np.argmax(line[:, 0]), 1]) for line in lines]
+        if known := [value for value in right if np.isfinite(value)]:
             ends[name] = max(known)
     scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in drawn]))
     ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")

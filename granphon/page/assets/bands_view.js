@@ -27,11 +27,12 @@ export class BandsView {
     });
   }
 
-  // bands: {values, turning, branches}; path; dos or null; unit: {name, scale}, reduced frequencies times scale are in it
-  draw({ bands, path, dos, unit, selected }) {
+  // bands: {values, turning, branches}; path; dos or null; unit: {name, scale}, reduced frequencies times scale are in it.
+  // The axis fits the frequencies when the page is `still`; while a slider moves it stays as long as they are well inside it
+  draw({ bands, path, dos, unit, selected }, still = false) {
     this.drawn = { bands, path, unit, selected };
     const top = bands.values.reduce((most, one) => (one > most ? one : most), 0) * unit.scale;
-    if (this.unit !== unit.name || top > this.axisTop || top < 0.4 * this.axisTop) this.axisTop = 1.1 * top || 1;
+    if (still || this.unit !== unit.name || top > this.axisTop || top < 0.4 * this.axisTop) this.axisTop = 1.1 * top || 1;
     this.unit = unit.name;
     const axes = [this.axisTop, unit.name, path.length, themeColour("ink"), dos ? [unit.scale, dos.total, dos.turning] : ""].join();
     if (axes !== this.axes) {
@@ -47,9 +48,12 @@ export class BandsView {
 
   makeStates(dos, unit) {
     const empty = { x: [], y: [], xaxis: "x", hoverinfo: "skip" };
-    return [empty, ...(dos ? [["total", "move"], ["turning", "turn"]] : []).map(([name, colour]) => ({
-      x: dos[name].map((one) => one / unit.scale), y: dos.frequencies.map((one) => one * unit.scale), mode: "lines",
-      xaxis: "x2", hoverinfo: "skip", line: { color: themeColour(colour), width: 1.6, shape: "hvh" },
+    const parts = dos ? { moving: dos.total.map((one, bin) => one - dos.turning[bin]), turning: dos.turning, total: dos.total } : {};
+    // the colours of the bands for the parts, that of the text for their sum
+    const shown = [["moving", "move"], ["turning", "turn"], ["total", "ink"]].slice(dos?.turning.some((one) => one > 0) ? 0 : 2);
+    return [empty, ...(dos ? shown : []).map(([name, colour]) => ({
+      x: parts[name].map((one) => one / unit.scale), y: dos.frequencies.map((one) => one * unit.scale), mode: "lines", name,
+      xaxis: "x2", hoverinfo: "skip", line: { color: themeColour(colour), width: name === "total" ? 1.1 : 1.6, shape: "hvh" },
     }))];
   }
 

@@ -88,7 +88,7 @@ function settle() {
   current.path = makePath(data.lattice, FINE(lattice.branches));
   current.bands = computeBands(lattice, current.path.points);
   current.selected = { point: nearestPoint(current.path), branch: state.branch };
-  bandsView.draw(current);
+  bandsView.draw(current, true);
   drawMode();
   drawVelocities(byId("velocities"), followSound(data, state), state.force, sound.map(([, value]) => value));
   byId("spoken").textContent = `Force ${printQuantity(state.force, "N")}. Top frequency ${printNumber(top * unit.scale)} ${unit.name}. ` +
@@ -96,8 +96,9 @@ function settle() {
     `. ${byId("mode-words").textContent}`;
   cancelStates = gatherStates(lattice, top, (dos) => {
     current.dos = dos;
-    bandsView.draw(current);
-    byId("dos-help").textContent = `Right: states per ball and ${unit.name}, all and those of rotation, from ${dos.points} wave vectors.`;
+    bandsView.draw(current, true);
+    byId("dos-help").textContent = `Right: states per ball and ${unit.name}, from ${dos.points} wave vectors` +
+      (lattice.rotations.length ? ": displacement and rotation in the colours of the bands, and their sum in that of the text." : ".");
   });
 }
 
