@@ -153,7 +153,10 @@ FILES = {
         "the balls of the first sample, see [below](#sample_ballscsv-and-sample_contactscsv)",
     ),
     "sample_contacts.csv": ("the same", "its contacts that carry load, with normal and tangential forces"),
-    "bands.png": ("`bands`", "the bands, with the density of states beside them if it was asked for; branches of one frequency are one thicker line"),
+    "bands.png": (
+        "`bands`",
+        "the bands, with the density of states beside them if it was asked for; branches that coincide are one thick line",
+    ),
     "dos.png": ("`dos` without `bands`", "the density of states"),
     "sample_dos.json": ("`dos`, a simulation", "density of states of the first sample, for `gp.SpectralDensity.from_dict`"),
     "sample_dos.csv": ("`dos`, a simulation", "the same as a table, with the standard error"),
