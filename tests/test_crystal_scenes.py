@@ -218,7 +218,9 @@ def test_a_warning_of_many_cases_of_a_sweep_is_said_once(steel):
     packing = gp.Packing(steel, 8e-3, lattice="fcc", torsion="mindlin")
     data = gp.sweep(packing, pressure=[1e5, 1e6], lattice=["fcc", "bcc"], media=("ala", "afa"))
     (told,) = json.loads(data.attrs["warnings"])
-    assert told.startswith("ala, lattice = fcc and 3 more: overlap over diameter, over the torsion of a contact is 4.144")
+    assert told.startswith(
+        "ala, lattice = fcc and 3 more: At both loads overlap over diameter is up to 414.4 % of the torsion of a contact"
+    )
 
 
 def test_many_directions_of_a_scene(tmp_path):

@@ -392,7 +392,7 @@ def test_balls_of_one_listed_size_have_no_shape_to_widen():
 def test_loads_outside_the_range_of_the_medium_are_counted():
     force = np.append(FORCE, [0.5, 1.0])
     fit = fit_width(BALLS, force, velocities(TRUE, force=force))
-    assert any("worst of 14 loads, 2 of which fail" in warning for warning in fit.warnings)
+    assert any("2 of the 14 contact forces are lower, down to 0.5 N" in warning for warning in fit.warnings)
     assert fit_width(BALLS, FORCE, NOISY, 4.0).warnings == fit_width(BALLS, FORCE, NOISY).warnings == ()
 
 

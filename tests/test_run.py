@@ -153,10 +153,7 @@ def test_equal_balls_and_other_media_have_no_local_field(work):
 
 def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
     (work / "scene.yaml").write_text(ONE.replace("3 N", "1 N"))
-    told = (
-        "granphon: warning: contact force in N is 1, below 1.592: "
-        "at so small a force the diameters differ too much for the medium 'ema'\n"
-    )
+    told = "granphon: warning: ema is not reliable below 1.592 N: the contact force is 1 N.\n"
     assert main(["check", "scene.yaml"]) == 0
     assert capsys.readouterr().err == told
     assert main(["run", "scene.yaml", "-o", "out"]) == 0

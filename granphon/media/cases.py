@@ -92,11 +92,14 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
-    """Return warnings of cases, given as (label, text), each after the label of its case; a text of many is said once."""
+    """Return warnings of cases, given as (label, text), each after the label of its case; a text of many is said once.
+
+    A text that begins with the label, as one about a medium, stands alone.
+    """
     labels: dict[str, list[str]] = {}
     for label, text in labelled:
         labels.setdefault(text, []).append(label)
     return [
-        f"{first} and {len(others)} more: {text}" if others else f"{first}: {text}"
+        f"{first} and {len(others)} more: {text}" if others else text if text.startswith(f"{first} ") else f"{first}: {text}"
         for text, (first, *others) in labels.items()
     ]

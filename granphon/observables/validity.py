@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from granphon.balls.hertz import contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
+from granphon.base.scales import prefixed
 from granphon.media.acoustics import (
     find_overlap_of_equal_balls,
     has_one_lattice,
@@ -35,8 +37,7 @@ _LIMITS = {
     "shear": (
         1e-2,
         "part by which the shear modulus of a simulation with friction is expected to be too small",
-        "it leaves out contacts of loose balls, which geometry='exact' has; the transverse velocity is too small by half of"
-        " that part, the bulk modulus by an eighth",
+        "contacts of loose balls are left out. Use geometry: exact",
     ),
     "torsion": (
         0.1,
@@ -45,12 +46,30 @@ _LIMITS = {
     ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
+#: what a warning says of each condition before its reason, with the worst value and the limit; a condition that depends on
+#: the load begins with how many of the loads fail. That of the medium is in :attr:`Tally.warning`
+_WORDS = {
+    "contact_radius": "the radius of a contact is {part} of that of a ball, more than {limit_part}",
+    "load": "the ratio (f/E d^2)^(1/6) is {worst}, more than {limit}",
+    "velocity": "sound is {worst} times as fast as in the material of the balls, more than {limit}",
+    "resonance": "the top frequency is {part} of the lowest resonance of a ball, more than {limit_part}",
+    "shear": "the simulated shear modulus is too small, by {about} (v_T by {half})",
+    "torsion": "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
+    "yield": "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
+}
+#: the same of conditions that do not depend on the load
+_WORDS_OF_BALLS = {
+    "spread": "the rms difference of diameters is {part} of their mean, more than {limit_part}",
+    "young_modulus": "the Young modulus is {worst} Pa, less than {limit} Pa",
+    "density": "the density is {worst} kg/m^3, less than {limit} kg/m^3",
+    "high_density": "the density is {worst} kg/m^3, more than {limit} kg/m^3",
+}
 #: what mends the torsion, in media that have terms of finite overlap
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
 #: directions in which sound is compared with that in the balls, by the number of periods
 _DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
 #: reason given when a property of the material is outside its limit
-_WRONG_UNIT = "the unit is probably wrong: SI units are expected"
+_WRONG_UNIT = "the unit is probably wrong, SI units are expected"
 #: conditions on the material, by name: the attribute, what it is, the limit (SI), and whether the limit is a least value
 _MATERIAL_LIMITS = {
     "young_modulus": ("young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
@@ -65,7 +84,7 @@ class Tally(NamedTuple):
     ``loads`` is the number of loads, or None for a state at a single load.
     """
 
-    meaning: str
+    name: str
     limit: float
     reason: str
     at_least: bool
@@ -81,15 +100,35 @@ class Tally(NamedTuple):
 
     @property
     def warning(self) -> str | None:
-        """Warning for the user, or None if the condition holds at every load."""
+        """Warning for the user, a sentence or two, or None if the condition holds at every load."""
         if not self.failing:
             return None
-        fail = "fails" if self.failing == 1 else "fail"
-        where = "" if self.loads is None else f" (worst of {self.loads} loads, {self.failing} of which {fail})"
-        excess = f"{self.worst / self.limit:.4g} times the limit of {self.limit:g}"
-        if self.at_least:
-            excess = f"below {self.limit:.4g}"
-        return f"{self.meaning} is {self.worst:.4g}{where}, {excess}: {self.reason}"
+        several = (self.loads or 1) > 1
+        if self.name == "medium":
+            force, least = _write_force(self.worst), _write_force(self.limit)
+            lower = "the contact force is"
+            if several:
+                are = "is lower," if self.failing == 1 else "are lower, down to"
+                lower = f"{self.failing} of the {self.loads} contact forces {are}"
+            return f"{self.reason} below {least}: {lower} {force}."
+        several &= self.name in _WORDS
+        up = "up to " if several and self.failing > 1 else ""
+        words = {
+            "worst": f"{up}{self.worst:.4g}", "part": f"{up}{100.0 * self.worst:.4g} %", "limit": f"{self.limit:g}",
+            "limit_part": f"{100.0 * self.limit:g} %", "about": f"{up}about {100.0 * self.worst:.2g} %",
+            "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - self.worst, 0.0))):.2g} %",
+        }  # fmt: skip
+        said = (_WORDS | _WORDS_OF_BALLS)[self.name].format_map(words)
+        if several:
+            which = f"all {self.loads}" if self.failing == self.loads else f"{self.failing} of {self.loads}"
+            said = f"at {'both' if which == 'all 2' else which} loads {said}"
+        return f"{said[0].upper()}{said[1:]}: {self.reason}."
+
+
+def _write_force(force: float) -> str:
+    """Text of a force, N, with four digits."""
+    size, unit = (1.0, "N") if force == 0.0 or 0.01 <= force < 1e4 else prefixed(force, "N")
+    return f"{force / size:.4g} {unit}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,7 +170,7 @@ class Check(Result):
         else:
             worst = float(value.min() if self.at_least else value.max())
             failing = value.size - int(np.count_nonzero(self.ok))
-        return Tally(self.meaning, float(self.limit), self.reason, self.at_least, worst, failing, loads)
+        return Tally(self.name, float(self.limit), self.reason, self.at_least, worst, failing, loads)
 
     @property
     def warning(self) -> str | None:
@@ -278,7 +317,7 @@ def _compute_validity(state: ContactState) -> Validity:
         reason += _KEEPS if name == "torsion" and not state.n_samples else ""
         checks.append(Check(name, meaning, np.asarray(value), limit, reason))
     if state.packing.width:
-        reason = f"at so small a force the diameters differ too much for the medium {state.medium!r}"
+        reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
     for name, (attribute, meaning, limit, at_least) in _MATERIAL_LIMITS.items():
