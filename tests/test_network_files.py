@@ -9,6 +9,7 @@ import packings
 import pytest
 
 import granphon as gp
+from granphon.base.errors import InputError, UnverifiedFileWarning
 from granphon.waves.operator import WaveOperator
 
 GLASS = packings.MATERIAL
@@ -367,6 +368,38 @@ def test_tables_are_read_as_they_were_written(kind, tmp_path):
         network.write_tables(tmp_path, tmp_path / "contacts.csv")
 
 
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+def test_no_change_of_a_written_table_goes_unnoticed(seed, tmp_path):
+    """Rows cut off, lines repeated, words or single letters changed: an error, or a warning where the digest is lost."""
+    network = network_of(["packing", "sample", "wall"][seed % 3])
+    paths = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    network.write_tables(*paths)
+    whole, rng = [path.read_bytes().decode() for path in paths], np.random.default_rng(seed)
+    for path, text in zip(paths, whole, strict=True):  # how lines end does not count
+        path.write_bytes(text.replace("\n", "\r\n").encode())
+    assert gp.ContactNetwork.from_table(*paths, keep_rattlers=True) == network
+    lines = whole[1].split("\n")
+    spoilt = [
+        (1, "\n".join([*lines[:-41], ""])), (1, "\n".join(lines[:1] + lines[2:])),
+        (0, re.sub("# sha256.*\n", "", whole[0])), (0, whole[0].replace("sha256", "sha257")),
+    ]  # fmt: skip
+    for _ in range(75):
+        which = int(rng.integers(2))
+        text = damage(whole[which], rng)
+        if rng.random() < 0.5:
+            place = int(rng.integers(len(whole[which])))
+            text = whole[which][:place] + chr(rng.integers(32, 127)) + whole[which][place + 1 :]
+        if text != whole[which]:
+            spoilt.append((which, text))
+    for which, text in spoilt:
+        for n, path in enumerate(paths):
+            path.write_bytes((text if n == which else whole[n]).encode())
+        with pytest.raises((InputError, UnverifiedFileWarning)) as caught:
+            gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
+        assert paths[which].name in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
 def arrays_of(name):
     """The balls and contacts of a packing as mappings of arrays, with nothing that follows from the rest."""
     whole = gp.ContactNetwork.from_lammps(*dumps(name), GLASS, keep_rattlers=True)
@@ -568,9 +601,12 @@ def damage(text, rng):
 
 
 @pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
     rng = np.random.default_rng(seed)
     network_of("wall").write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    for name in ("balls.csv", "contacts.csv"):  # as other programs write them, without a digest
+        (tmp_path / name).write_text(re.sub("# sha256.*\n", "", (tmp_path / name).read_text()))
     kept = [dumps("disks"), dumps("balls"), (tmp_path / "balls.csv", tmp_path / "contacts.csv")]
     wrong = fine = 0
     for count in range(60):

@@ -562,10 +562,16 @@ def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch)
 
 
 @pytest.mark.claim("largest-files")
-@pytest.mark.parametrize("kind", LOADERS)
+@pytest.mark.parametrize("kind", [*LOADERS, "table of a network", "dump"])
 def test_the_largest_files_are_those_of_the_page(tmp_path, kind):
-    most, words = {"scene": (100_000, "100 kB"), "sweep": (2_000_000_000, "2000 MB")}.get(kind, (256_000_000, "256 MB"))
-    name, read = LOADERS[kind]
+    sizes = {"scene": (100_000, "100 kB"), "sweep": (2_000_000_000, "2000 MB")}
+    sizes |= dict.fromkeys(["table of a network", "dump"], (4_000_000_000, "4000 MB"))
+    most, words = sizes.get(kind, (256_000_000, "256 MB"))
+    networks = {
+        "table of a network": ("balls.csv", lambda path: gp.ContactNetwork.from_table(path, {})),
+        "dump": ("atoms.dump", lambda path: gp.ContactNetwork.from_lammps(path, path)),
+    }
+    name, read = (LOADERS | networks)[kind]
     with open(tmp_path / name, "wb") as stream:
         stream.truncate(most + 1)  # of zeros that take no place
     with pytest.raises(InputError, match=f"holds more than {words}"):

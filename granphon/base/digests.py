@@ -20,7 +20,7 @@ from granphon.base.errors import TOO_LARGE, GranphonError, InputError, Unverifie
 from granphon.base.reading import read_utf8
 from granphon.base.text import show
 
-__all__ = ["canonical", "damage_error", "digest", "require_own_file", "read_sealed", "seal", "warn_unverified"]
+__all__ = ["canonical", "damage_error", "digest", "open_seal", "require_own_file", "read_sealed", "seal", "warn_unverified"]
 
 _SEAL = "# sha256 of all other lines: "
 
@@ -35,10 +35,15 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
 
     Raises :class:`~granphon.base.errors.InputError` if the digest is not that of the text, or the file cannot be read.
     """
-    lines = read_utf8(path).split("\n")
+    return open_seal(path, read_utf8(path))
+
+
+def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
+    """Return the ``text`` of a file as :func:`read_sealed` does; line feeds end its lines."""
+    lines = text.split("\n")
     places = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
     if not places:
-        return "\n".join(lines), False
+        return text, False
     line = lines.pop(places[0])
     if not re.fullmatch(_SEAL + "[0-9a-f]{64}", line) or line != _SEAL + _digest_lines(lines):
         raise damage_error(path, f"sha256 in line {places[0] + 1}")

@@ -363,12 +363,13 @@ class ContactNetwork(Result):
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
 
         Contacts without force whose stiffness follows from it are left out. Files of :meth:`write_tables` also give cell,
-        pbc, dimension, motions and prestress, where these are not given here.
+        pbc, dimension, motions and prestress, where these are not given here. They have a digest: if one of the two has lost
+        it, there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
 
         Raises
         ------
-        InputError : a column is missing, has no unit or not the unit of its kind, or coordinates are in different units; a
-            cell cannot be read; and what the class itself does not allow.
+        InputError : a file is not as granphon has written it; a column is missing, has no unit or not the unit of its kind,
+            or coordinates are in different units; a cell cannot be read; and what the class itself does not allow.
         """
         from granphon.networks.tables import read_tables
 
@@ -424,7 +425,7 @@ class ContactNetwork(Result):
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.
 
-        ``lattice`` and ``shape`` are not written. Folders are made if need be.
+        Each has a comment with a digest of the rest. ``lattice`` and ``shape`` are not written. Folders are made if need be.
         """
         from granphon.networks.tables import write_tables
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arguments import real_array
+from granphon.base.digests import open_seal, seal, warn_unverified
 from granphon.base.errors import InputError, OutputError, brief, message
 from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.reading import read_bytes, require_path
@@ -55,16 +56,21 @@ _REMARK = "# granphon network: "
 
 
 class _Columns:
-    """A table of balls or contacts in a file, or in arrays; ``name`` is what messages call it."""
+    """A table of balls or contacts in a file, or in arrays; ``name`` is what messages call it.
+
+    ``sealed`` says whether the file has a digest, which is then that of the rest of it; None for arrays.
+    """
 
     def __init__(self, what: str, source: Any, known: Mapping[str, Quantity | None], columns: Mapping[str, str]) -> None:
         self._known, self._named = known, columns
         self._table: Table | None = None
         self._arrays: dict[str, Any] = {}
         self.remark: dict[str, Any] = {}
+        self.sealed: bool | None = None
         if isinstance(source, str | os.PathLike):
             raw = read_bytes(source, MOST_BYTES)
             self.name = str(source)
+            self.sealed = open_seal(self.name, decode(self.name, raw).replace("\r\n", "\n"))[1]
             self._table, self.remark = Table.parse(self.name, raw), _read_remark(self.name, raw)
             there = [heading.name for heading in self._table.headings]
         else:
@@ -197,6 +203,10 @@ def read_tables(
     of_balls = _Columns("balls", balls, BALLS, {name: columns[name] for name in columns if name in BALLS})
     of_contacts = _Columns("contacts", contacts, CONTACTS, {name: columns[name] for name in columns if name in CONTACTS})
     said = of_balls.remark
+    if said or of_balls.sealed or of_contacts.sealed:  # granphon has written one of the two, and gives both a digest
+        for table in (of_balls, of_contacts):
+            if table.sealed is False:
+                warn_unverified(table.name)
     if cell is None and pbc is None and "cell" in said:
         cell, pbc = said["cell"], said.get("pbc")
     periods, periodic = read_cell(cell, pbc)
@@ -264,6 +274,6 @@ def write_tables(network: ContactNetwork, balls: str | os.PathLike[str], contact
         text = table_text(headings, rows, comments)
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(text, encoding="utf-8", newline="")
+            Path(path).write_text(seal(text.split("\n")[:-1], 1), encoding="utf-8", newline="")
         except (OSError, ValueError) as error:
             raise OutputError(message(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}")) from None
