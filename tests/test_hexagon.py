@@ -114,8 +114,32 @@ def test_walls_of_the_same_material_are_softer():
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2, diameters=np.full(7, 8.1e-3)), "mean"),
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2).at_side_force(-1.0), "side_force"),
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2).at_force(math.nan), "force"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 3).at_force(1e7), r"presses the balls together by 1\.612 diameters"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 3).at_side_force(1e300), r"presses the balls together by .*e\+195 dia"),
+        (
+            lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 3).at_force(4.6e6),
+            "presses the balls together by 1.1[0-9]* diameters",
+        ),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 3).at_force(3.2e6), "presses a ball into its wall by 1"),
+        (lambda: gp.Hexagon(STEEL), "^packing is Material.* Give a granphon.Packing"),
+        (lambda: gp.Hexagon(None), "^packing is None"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 3, wall_material="steel"), "^wall_material is 'steel'"),
     ],
 )
 def test_bad_input_is_one_clear_error(make, said):
     with pytest.raises(gp.GranphonError, match=said):
         make()
+
+
+@pytest.mark.parametrize("wall", [None, gp.Material(5e9, 0.3, 1000.0)])
+def test_a_contact_that_is_no_small_spot_is_a_warning(wall):
+    hexagon = gp.Hexagon(gp.Packing(STEEL, 8e-3, SPREAD), 3, wall_material=wall)
+    assert hexagon.at_side_force(2.0).warnings == ()
+    pressed = hexagon.at_side_force(2e4)
+    # (3 f R / 4 E*)^(1/3) over d/2, with the radius R = d/4 of two balls, d/2 of a ball and a wall
+    soft = 0.0 if wall is None else 1.0 / wall.contact_modulus
+    between = np.cbrt(0.75 * np.max(pressed.forces) * 2e-3 / STEEL.contact_modulus) / 4e-3
+    leant = np.cbrt(0.75 * np.max(pressed.wall_forces) * 4e-3 * 0.5 * (1.0 / STEEL.contact_modulus + soft)) / 4e-3
+    assert pressed.contact_radius == pytest.approx(max(between, leant), rel=1e-6)
+    told = f"The radius of a contact is {100 * pressed.contact_radius:.4g} % of that of a ball, more than 10 %: Hertz's law"
+    assert pressed.warnings[0].startswith(told)

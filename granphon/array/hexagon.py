@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse import factorise, find_step_length
+from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
-from granphon.balls.packing import Packing
+from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arguments import finite_array, positive, whole_number
-from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.errors import ConvergenceError, InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.validation import require
 from granphon.dynamics.compatibility import GYRATION
@@ -114,6 +115,24 @@ class PressedHexagon(Result):
         """Fraction of the contacts between balls that carry load."""
         return float(np.mean(self.forces > 0.0))
 
+    @property
+    def contact_radius(self) -> float:
+        """Radius of the largest contact, of two balls or with a wall, over that of a ball."""
+        d, law = self.packing.diameter, self.packing.law
+        at_wall = np.cbrt(self.wall_forces / self.wall_coefficient) ** 2
+        overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)  # a wall has the curvature of half a ball
+        return float(contact_radius_ratio(np.max(overlaps), d))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What limits the result, in sentences; empty if nothing does."""
+        if self.contact_radius <= MOST_CONTACT_RADIUS:
+            return ()
+        what = f"The radius of a contact is {100.0 * self.contact_radius:.4g} % of that of a ball"
+        return (
+            f"{what}, more than {100.0 * MOST_CONTACT_RADIUS:g} %: Hertz's law assumes that the contact is a small spot.",
+        )
+
     @cached_property
     def network(self) -> ContactNetwork:
         """The balls, the six walls (bodies of infinite mass, which come last), and the contacts that carry load.
@@ -159,8 +178,8 @@ class Hexagon:
 
     Raises
     ------
-    InputError : another lattice or other motions; a number out of range; diameters of another shape, or whose mean is not
-        the packing's diameter.
+    InputError : no packing, or no material of the walls; another lattice or other motions; a number out of range; diameters
+        of another shape, or whose mean is not the packing's diameter.
     """
 
     def __init__(
@@ -172,7 +191,7 @@ class Hexagon:
         diameters: ArrayLike | None = None,
         wall_material: Material | None = None,
     ) -> None:
-        if packing.structure.contacts.normal.shape != (3, 2) or packing.named_motions.name != "in_plane":
+        if given_packing(packing).structure.contacts.normal.shape != (3, 2) or packing.named_motions.name != "in_plane":
             raise InputError(
                 message(
                     f"a hexagon of the {packing.structure.name} lattice with motions {packing.named_motions.name}",
@@ -180,6 +199,8 @@ class Hexagon:
                     "Leave lattice and motions out of the Packing",
                 )
             )
+        if not isinstance(wall_material, Material | None):
+            raise InputError(message(f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None"))
         self.packing = packing
         self.balls_per_side = n = int(require("balls_per_side", balls_on_side, balls_per_side))
         if n < 2:
@@ -261,10 +282,12 @@ class Hexagon:
     def at_side_force(self, side_force: float) -> PressedHexagon:
         """Press each wall with the ``side_force`` F, N, and return the balls at rest.
 
-        Raises :class:`~granphon.base.errors.InputError` for a force that is not above zero, and
-        :class:`~granphon.base.errors.ConvergenceError` if the balls do not come to rest.
+        Raises :class:`~granphon.base.errors.InputError` for a force that is not above zero, or that presses balls together
+        by their diameter or into a wall by their radius, and :class:`~granphon.base.errors.ConvergenceError` if the balls
+        do not come to rest. What limits the result otherwise is in its ``warnings``.
         """
         wanted = positive("side_force", side_force, "N")
+        self._require_shallow(wanted, force_of_frame(wanted, self.balls_per_side), 0.0)
         # from a load that closes all contacts down to the wanted one, each equilibrium the start of the next
         closing = float(self.packing.law.force(4.0 * np.max(np.abs(self.deviations), initial=0.0)))
         least = closing * math.sqrt(3.0) * self.balls_per_side
@@ -275,6 +298,15 @@ class Hexagon:
         for load in reversed(loads):
             motion, residual = self._press(load, motion)
         return self._describe(wanted, motion, residual)
+
+    def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
+        """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their size allows."""
+        packing, load = self.packing, f"side_force = {side_force:g} N"
+        require_shallow(packing, float(packing.law.overlap(between)) / packing.diameter, load)
+        depth = 2.0 * (at_wall / self.wall_coefficient) ** (2.0 / 3.0) / packing.diameter
+        if not depth < 1.0:
+            what = f"{load} presses a ball into its wall by {depth:.4g} times its radius"
+            raise InputError(message(what, "Its centre would be beyond the wall", "Lower the load"))
 
     def at_force(self, force: float) -> PressedHexagon:
         """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see :meth:`at_side_force`."""
@@ -327,8 +359,10 @@ class Hexagon:
         x = self.deviations
         gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
         forces = law.force(gap - self._matrix @ motion)
+        at_walls = self._wall_scale * forces[len(i) :]
+        self._require_shallow(side_force, float(np.max(forces[: len(i)])), float(np.max(at_walls)))
         return PressedHexagon(
             self.packing, self.balls_per_side, side_force, self.sites, x, motion[: 2 * count].reshape(-1, 2),
-            motion[2 * count :], i, j, normal, ball, wall, forces[: len(i)], self._wall_scale * forces[len(i) :],
+            motion[2 * count :], i, j, normal, ball, wall, forces[: len(i)], at_walls,
             self.wall_coefficient, residual,
         )  # fmt: skip

@@ -17,12 +17,15 @@ from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, message
 
 __all__ = [
-    "MUCH_LARGER", "HertzLaw", "contact_radius_ratio", "harmonic_diameter", "high_pressure_overlap", "mindlin_reduction",
+    "MOST_CONTACT_RADIUS", "MUCH_LARGER", "HertzLaw", "contact_radius_ratio", "harmonic_diameter",
+    "high_pressure_overlap", "mindlin_reduction",
 ]  # fmt: skip
 
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
 #: "much larger" is taken to mean
 MUCH_LARGER = math.sqrt(10.0)
+#: largest radius of a contact, over that of the balls, up to which it is the small spot that Hertz's law assumes
+MOST_CONTACT_RADIUS = 0.1
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, find_lattice
-from granphon.balls.material import Material
+from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
@@ -228,6 +228,21 @@ def given_packing(packing: Packing) -> Packing:
     if not isinstance(packing, Packing):
         raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
     return packing
+
+
+def require_shallow(packing: Packing, overlap: float, load: str) -> None:
+    """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` is in diameters.
+
+    ``load`` is what the message calls the load.
+    """
+    if not overlap < 1.0:
+        what, mend = f"{load} presses the balls together by {overlap:.4g} diameters", "Lower the load"
+        why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
+        modulus = packing.material.young_modulus
+        if modulus < LEAST_YOUNG_MODULUS:
+            why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
+            mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
+        raise InputError(message(what, why, mend))
 
 
 def describe_packing(packing: Packing) -> list[tuple[str, Any, str]]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
-from granphon.balls.material import LEAST_YOUNG_MODULUS
-from granphon.balls.packing import Packing, given_packing
+from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.errors import InputError, brief, message
 from granphon.base.validation import choice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
@@ -125,17 +124,7 @@ class LawMedium(Loaded[ContactState]):
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
         if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
             raise InputError(message(f"{load.describe(periods)} is too small or too large for double precision"))
-        if np.any(overlap >= diameter):
-            what = (
-                f"{load.describe(periods)} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
-            )
-            why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
-            mend = "Lower the load"
-            modulus = self.packing.material.young_modulus
-            if modulus < LEAST_YOUNG_MODULUS:
-                why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
-                mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
-            raise InputError(message(what, why, mend))
+        require_shallow(self.packing, float(np.max(overlap / diameter)), load.describe(periods))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.hertz import contact_radius_ratio
+from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
@@ -29,7 +29,11 @@ __all__ = ["Check", "Tally", "Validity", "estimate_shear_deficit", "validity"]
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
 _LIMITS = {
-    "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law assumes that the contact is a small spot"),
+    "contact_radius": (
+        MOST_CONTACT_RADIUS,
+        "contact radius over ball radius",
+        "Hertz's law assumes that the contact is a small spot",
+    ),
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
     "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
     "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
