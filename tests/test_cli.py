@@ -242,6 +242,14 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "yes for true": ("friction: true", "friction: yes", 9, "packing.friction", "'yes'", "true or false", "Did you mean true?"),
     # spreads
     "empty spread": ("friction: true", "spread:", 9, "packing.spread", "nothing", "exactly one of uniform", "Leave spread out"),
+    "width in per cent": (
+        "friction: true", "spread: {uniform: 1 %}", 9, "packing.spread.uniform", "'1 %', whose unit is not a unit of length",
+        "a length, zero or above", "1 % of 8 mm is 80 um: write '80 um'.",
+    ),
+    "swept width in per cent": (
+        "medium: ala", "sweep: {width: [1 um, 0.5 percent]}", 12, "sweep.width.1", "'0.5 percent'", "a length, zero or above",
+        "0.5 % of 8 mm is 40 um: write '40 um'.",
+    ),
     "spread without a kind": ("friction: true", "spread: 2 um", 9, "packing.spread", "'2 um'", "exactly one of", "{uniform: 2 um}?"),
     "two spreads": (
         "friction: true", "spread: {uniform: 2 um, normal: 1 um}", 9, "packing.spread", "uniform and normal", "exactly one of", "",

@@ -354,7 +354,10 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"velocity": 1.1 * IDEAL}, "on average 10 % above those of equal balls"),
         ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, "0.1 % above those of equal balls"),
         ({"velocity": 0.9995 * IDEAL, "sigma": 5.0}, "the width cannot be told from zero: the best is"),
-        ({"velocity": EXACT["ema"] / 1e3}, "no width fits: .* Check the units"),
+        ({"velocity": EXACT["ema"] / 20.0}, "no width fits: the sum of squares still falls at .* [mu]m, .* Check the units"),
+        ({"velocity": EXACT["ema"] / 1e3}, "are 0.000888 to 0.000996 times those of equal balls. Check the units"),
+        ({"velocity": EXACT["ema"] * 1e3}, "times those of equal balls. Check the units"),
+        ({"force": EXACT["ema"], "velocity": FORCE}, "times those of equal balls. .* columns are not swapped"),
         ({"velocity": EXACT["ema"] / 1e12}, "times those of equal balls"),
         ({"velocity": EXACT["ema"] * 1.5}, "above those of equal balls"),
         ({"velocity": EXACT["ema"][::-1]}, "the width cannot be told from zero"),
@@ -367,6 +370,29 @@ def test_data_that_cannot_determine_the_parameters_are_refused(options, words):
     given = {"force": FORCE, "velocity": EXACT["ema"], **options}
     with pytest.raises(InputError, match=words):
         fit_width(BALLS, **given)
+
+
+@pytest.mark.parametrize("sigma", [None, 0.01])
+def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
+    """10 % too fast, at loads so low that a width is found all the same."""
+    force, truth = np.geomspace(1.0, 18.446, 12), spread_over(1.5 * WIDTH)
+    exact, ideal = velocities(truth, force=force), velocities(BALLS, "ala", force=force)
+    fast = 1.1 * exact
+    fit = fit_width(BALLS, force, fast, None if sigma is None else sigma * fast)
+    (told,) = [text for text in fit.warnings if "not a width" in text]
+    most = int(np.argmax(fast / ideal))
+    assert re.match(
+        r"[4-7] of 12 data are above the velocity of equal balls at that load, by up to 8\.9 % \(datum 12, ", told
+    )
+    assert f"{100.0 * (fast[most] / ideal[most] - 1.0):.2g} %" == "8.9 %"
+    assert "fit young_modulus as well" in told
+    both = fit_width(BALLS, force, fast, None if sigma is None else sigma * fast, parameters=("width", "young_modulus"))
+    assert not any("not a width" in text for text in both.warnings)
+    # noise that puts data above equal balls is not told of
+    noise = 1.0 + 0.01 * np.random.default_rng(7).normal(size=(40, 12))
+    noisy = [fit_width(BALLS, FORCE, EXACT["ema"] * one, None if sigma is None else sigma * EXACT["ema"]) for one in noise]
+    assert sum(bool(np.any(one.velocity > velocities(BALLS, "ala"))) for one in noisy) > 4
+    assert sum(any("not a width" in text for text in one.warnings) for one in noisy) <= 1
 
 
 def test_a_narrow_range_of_force_does_not_tell_two_parameters():
@@ -402,7 +428,7 @@ def test_a_model_that_does_not_fit_and_loads_too_high_are_said():
     soft = change_packing(BALLS, {"young_modulus": 1e6})
     force = FORCE * 1e-2
     heavy = velocities(spread_over(100e-6, packing=soft), force=force)
-    assert any("contact radius" in warning for warning in fit_width(soft, force, heavy).warnings)
+    assert any("radius of a contact" in warning for warning in fit_width(soft, force, heavy).warnings)
 
 
 # -- how far a fit is to be trusted ---------------------------------------------------------------------------------
@@ -772,6 +798,7 @@ def folder(tmp_path, monkeypatch):
     flight = "\n".join(["F [kN];t (us)", *(f"{f * 31 * 3**0.5 / 1e3!r};{0.43e6 / v!r}" for f, v in rows)])
     (tmp_path / "data.csv").write_text(table, encoding="utf-8")
     (tmp_path / "flight.csv").write_text(flight, encoding="utf-8")
+    (tmp_path / "bare.csv").write_text("force,velocity\n2,500\n4,600\n", encoding="utf-8")
     return tmp_path
 
 
@@ -893,6 +920,12 @@ def test_side_forces_and_times_of_flight(folder, capsys):
     assert list(folder.glob("*.png")) == []
 
 
+def test_the_width_may_be_named_among_the_parameters(folder, capsys):
+    for more in ((), ("--parameter", "width")):
+        assert command("scene.yaml", "data.csv", "--parameter", "young_modulus", *more) == 0
+        assert "width                 2.04 um" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -903,6 +936,12 @@ def test_side_forces_and_times_of_flight(folder, capsys):
         (("scene.yaml", "data.csv", "--column", "forse=F"), "Did you mean force"),
         (("scene.yaml", "data.csv", "--frequency", "6.5"), "--frequency: found '6.5', without a unit"),
         (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
+        (
+            ("scene.yaml", "data.csv", *2 * ("--parameter", "diameter")),
+            "--parameter diameter is given 2 times. Give it once.",
+        ),
+        (("scene.yaml", "data.csv", "--no-width", "--parameter", "width"), "Leave one out."),
+        (("scene.yaml", "bare.csv"), "no unit for 'force' and 'velocity'."),
         (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),
         (("scene.yaml", "data.csv", "--sigma", "1 N"), "--sigma: found '1 N', whose unit is not a unit of velocity"),
         (("swept.yaml", "data.csv"), "swept.yaml sweeps width. A fit is for one packing. Leave the block 'sweep' out."),

@@ -91,8 +91,19 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force (N),v (m/s)\n2,5\n",
             {},
-            "meant 'velocity'; granphon fit also takes --column 'velocity=NAME', Python col",
+            "granphon fit takes --column 'velocity=NAME (m/s)', Python columns={'velocity': 'NAME (m/s)'}",
         ),
+        (
+            "force,velocity\n2,5\n",
+            {},
+            "has no unit for 'force' and 'velocity'. Its columns are 'force', 'velocity'."
+            " Head the columns 'force (N)' and 'velocity (m/s)', each with its unit in brackets",
+        ),
+        ("v (m/s),F\n2,5\n", {}, "has no column named 'force' and none named 'velocity'. Its columns are 'v (m/s)', 'F'."),
+        ("F,time (s)\n2,5\n", {}, "no column named 'force' and none named 'distance'"),
+        ("pressure,time\n2,5\n", {"distance": 1.0, "pressed": float}, "no unit for 'pressure' and 'time'"),
+        ("force,time (s)\n2,5\n", {}, "has no column named 'distance', and no unit for 'force'"),
+        ("force (N),velocity (m/s),sigma\n2,5,1\n", {}, "has no unit for 'sigma'"),
         ("f (N),velocity (m/s)\n2,5\n", {}, "no column named 'force'"),
         ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
         ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Head the column"),

@@ -15,7 +15,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 
-__all__ = ["HertzPrefix", "Units", "WidthUnits", "file_header", "prefixed", "read_header"]
+__all__ = ["HertzPrefix", "Units", "WidthUnits", "file_header", "prefixed", "read_header", "write_quantity"]
 
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
 _INFO = {
@@ -45,6 +45,12 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     """
     size = abs(value) * (1.0 + 1e-8)
     return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
+
+
+def write_quantity(value: float, unit: str) -> str:
+    """Text of a value in the SI unit ``unit``, with five digits and a decimal prefix, such as "8 mm"."""
+    size, name = prefixed(value, unit)
+    return f"{value / size:.5g} {name}"
 
 
 @dataclass(frozen=True)

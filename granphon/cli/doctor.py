@@ -13,9 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say, say_table
-from granphon.cli.wording import write_quantity
 
 __all__ = ["OPTIONAL", "REQUIRED", "describe_system"]
 

@@ -91,6 +91,11 @@ def fit_measurements(
     _require_one_packing("A fit", scene, read)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
+    given = tuple(parameter or ())
+    if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
+        raise InputError(message(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once"))
+    if "width" in given and not width:
+        raise InputError(message("--no-width keeps the width, and --parameter width fits it", mend="Leave one out"))
     if not (width or parameter):
         raise InputError(
             message("nothing is left to fit", "--no-width keeps the spread", "Leave it out, or give --parameter")
@@ -104,14 +109,14 @@ def fit_measurements(
         {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
         None if distance is None else require("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
-        partial(convert_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
+        partial(convert_pressure, read.packing, read.finite_overlap, medium, given),
         read.packing.structure.periods,
     )
     found = fit_width(
         read.packing, measured.force, measured.velocity,
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
         measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
-        medium=medium, parameters=((("width",) if width else ()) + tuple(parameter or ())), branch=branch,
+        medium=medium, parameters=tuple(dict.fromkeys(("width",) * width + given)), branch=branch,
         direction=_choose_direction(scene, read, direction),
         finite_overlap=read.finite_overlap,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.quantities import load_quantities
-from granphon.base.scales import prefixed
+from granphon.base.scales import write_quantity
 
 if TYPE_CHECKING:
     from granphon.balls.loads import Load
@@ -21,14 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "describe_tradeoff",
-    "write_direction", "write_quantity", "write_range",
+    "write_direction", "write_range",
 ]  # fmt: skip
-
-
-def write_quantity(value: float, unit: str) -> str:
-    """Text of a value in the SI unit ``unit``, with five digits and a decimal prefix, such as "8 mm"."""
-    size, name = prefixed(value, unit)
-    return f"{value / size:.5g} {name}"
 
 
 def write_range(value: Any, unit: str) -> str:

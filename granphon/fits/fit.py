@@ -242,16 +242,16 @@ def fit_width(
     :class:`WidthFit`. Standard errors are those of linear theory, from the given sigma or from the scatter. If from the
     scatter, a parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
     The ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter
-    below the rounding of the data, one datum that decides the fit alone (leverage above 0.9) or lies far off, a standard
-    error above half the value.
+    below the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone
+    (leverage above 0.9) or lies far off, a standard error above half the value.
 
     Raises
     ------
     InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
         parameters (a standard error above the parameter itself, parameters that have the same effect, velocities equal
-        to those of equal balls or higher); loads or a frequency that the medium cannot carry; the medium "auto"; a lattice
-        without such waves, or without such a medium for balls that differ; samples of so few balls that the parameters of
-        round after round differ.
+        to those of equal balls or higher); velocities so far from those of equal balls that a unit is wrong; loads or a
+        frequency that the medium cannot carry; the medium "auto"; a lattice without such waves, or without such a medium
+        for balls that differ; samples of so few balls that the parameters of round after round differ.
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
     periods = packing.structure.periods
@@ -281,8 +281,9 @@ def fit_width(
         raise explain_undetermined(problem, logs, errors)
     fitted, values = problem.model.fit_packing(logs), np.exp(logs)
     found = Goodness(
-        names, errors, data.force, data.velocity, residuals, compute_leverages(matrix), problem.sigma, data.sigma is not None
-    )
+        names, errors, data.force, data.velocity, residuals, compute_leverages(matrix), problem.sigma,
+        data.sigma is not None, problem.model.equal_balls(logs)[0],
+    )  # fmt: skip
     if not found.errors_are_known:
         covariance = np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force

@@ -21,6 +21,8 @@ _DECIDING_LEVERAGE = 0.9
 _LARGE_ERROR = 0.5
 #: scatter below this part of the rounding of the data tells nothing
 _SCATTER_OF_ROUNDING = 0.1
+#: excess of a velocity over that of equal balls that is rounding of the model
+_MODEL_ERROR = 1e-9
 #: data count as not rounded if their last decimal is below this part of the largest of them
 _FINEST_ROUNDING = 1e-11
 
@@ -60,6 +62,7 @@ class Goodness:
     leverages : how far the fit follows each datum, (n,).
     sigma : standard error of each velocity, m/s, (n,).
     given : whether sigma was given, rather than found from the scatter.
+    equal_balls : velocities of equal balls with the fitted modulus and diameter, m/s, (n,).
     """
 
     names: tuple[str, ...]
@@ -70,6 +73,7 @@ class Goodness:
     leverages: Array
     sigma: Array
     given: bool
+    equal_balls: Array
 
     @property
     def dof(self) -> int:
@@ -94,7 +98,7 @@ class Goodness:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons not to trust the fit."""
-        return (*self._judge_residuals(), *self._judge_single_data(), *self._judge_errors())
+        return (*self._judge_residuals(), *self._judge_excess(), *self._judge_single_data(), *self._judge_errors())
 
     def _judge_residuals(self) -> list[str]:
         if self.dof == 0:
@@ -114,6 +118,40 @@ class Goodness:
         if self.p > 1.0 - _LEAST_CHANCE:
             return [f"{found} {numbers}: sigma is too large, or the errors are not independent"]
         return []
+
+    def _judge_excess(self) -> list[str]:
+        """Count the data above the velocity of equal balls by more than their noise, which no width explains."""
+        if "width" not in self.names or self.dof == 0:
+            return []
+        from scipy.special import ndtr, stdtr
+
+        excess = self.velocity / self.equal_balls - 1.0
+        # the scatter about a fit that such data bend is no measure of their noise, and a given sigma may be too small
+        noise = max(self._estimate_noise(), np.finfo(float).eps)
+        if self.given:
+            chances = ndtr(-excess / np.maximum(self.sigma / self.equal_balls, noise))
+        else:
+            chances = stdtr(self.dof, -excess / noise)
+        above = (excess > _MODEL_ERROR) & (chances < _LEAST_CHANCE / len(excess))
+        if not np.any(above):
+            return []
+        most = int(np.argmax(excess))
+        count = np.count_nonzero(above)
+        where = (
+            f"{count} of {len(above)} data {'is' if count == 1 else 'are'} above the velocity of equal balls at that load"
+        )
+        by = f"by up to {100.0 * excess[most]:.2g} % ({self._describe(most).rstrip(',')})"
+        why = "a spread only slows sound, so that what is fitted is not a width"
+        return [f"{where}, {by}: {why}. Check the Young modulus, diameter and density, or fit young_modulus as well"]
+
+    def _estimate_noise(self) -> float:
+        """Return the relative noise of the velocities: their rms distance from lines through their neighbours in force."""
+        order = np.lexsort((self.velocity, self.force))
+        x, y = np.log(self.force[order]), np.log(self.velocity[order])
+        reach = x[2:] - x[:-2]
+        part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
+        off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
+        return math.sqrt(float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2)))) if off.size else math.inf
 
     def _judge_single_data(self) -> list[str]:
         """Name a datum that alone decides the fit, and one that lies off the fit of the others."""

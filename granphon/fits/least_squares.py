@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
+from granphon.base.scales import write_quantity
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel
 from granphon.media.choice import MediumChoice
@@ -28,8 +29,11 @@ _TRIALS_PER_DECADE = 2
 _MODEL_ERROR = 1e-12
 #: a pulse whose frequency is above this part of the highest of its branch counts as near the end of the branch
 _NEAR_TOP = 0.98
-#: velocities below this part of those of equal balls, or above its inverse, are taken for mistakes
-_LEAST_RATIO = 1e-6
+#: geometric mean of velocities, over those of equal balls, below which, or above whose inverse, units are taken for wrong:
+#: no array in which a width can be found is so slow, and a unit off by a thousand is beyond it
+_LEAST_RATIO = 0.03
+#: the same where the Young modulus is fitted too, which may itself be far off
+_LEAST_RATIO_OF_MODULUS = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
 _SAME_EFFECT = 1e-6
 #: number of times that samples are simulated at the parameters found last, where they do not serve all
@@ -56,9 +60,11 @@ class FitProblem:
         model.require_carried()
         with np.errstate(all="ignore"):
             ratio = data.velocity / model.equal_balls(model.find_start(1e-9 * model.packing.diameter))[0]
-        if not (np.all(ratio > _LEAST_RATIO) and np.all(ratio < 1.0 / _LEAST_RATIO)):
+        least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
+        if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
             what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
-            raise InputError(message(what, mend="Check the units of force and velocity"))
+            mend = "Check the units of force and velocity, and that their columns are not swapped"
+            raise InputError(message(what, mend=mend))
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         if np.any(part <= _MODEL_ERROR):
             what = f"sigma is as small as {np.min(part):.3g} times the velocity"
@@ -255,12 +261,12 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
         return InputError(message(what, mend="Measure more precisely, over a wider range of force, or fit fewer parameters"))
     if error > 1.0 or width < problem.widths[0]:
-        best = f": the best is {width:.3g} m, its standard error {error * width:.3g} m"
+        best = f": the best is {_write_length(width)}, its standard error {_write_length(error * width)}"
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
         why = f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds their errors"
         return InputError(message(what, why, "Measure at lower forces, or more precisely"))
-    falling = f"no width fits: the sum of squares still falls at {width:.3g} m"
+    falling = f"no width fits: the sum of squares still falls at {_write_length(width)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
         what = f"{falling}, beyond which the balls do not carry the frequency"
@@ -268,3 +274,8 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))
+
+
+def _write_length(length: float) -> str:
+    """Text of a length, m, with three digits."""
+    return write_quantity(float(f"{length:.3g}"), "m")

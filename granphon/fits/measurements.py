@@ -40,6 +40,33 @@ def _tell_column(kind: str) -> str:
     return f"Head the column that is meant '{kind}'; {options}"
 
 
+def _require_headed(table: Table, names: Mapping[str, str], quantities: Mapping[str, Quantity]) -> None:
+    """Raise InputError if the table lacks one of the columns, or its unit: one error says all.
+
+    ``names`` are the headings of the columns by their kinds.
+    """
+    missing = [kind for kind, name in names.items() if name not in table]
+    bare = [kind for kind, name in names.items() if kind not in missing and not table.unit(name)]
+    if not missing + bare:
+        return
+    lacks = []
+    if missing:
+        lacks.append("no column named " + " and none named ".join(repr(names[kind]) for kind in missing))
+    if bare:
+        lacks.append("no unit for " + " and ".join(repr(names[kind]) for kind in bare))
+    units = {kind: quantities[kind].unit for kind in names}
+    heads = " and ".join(f"'{kind} ({unit})'" for kind, unit in units.items())
+    kind, unit = next((kind, units[kind]) for kind in names if kind in missing + bare)
+    mend = (
+        f"Head the columns {heads}, each with its unit in brackets;"
+        f" instead of a force there may be 'pressure ({quantities['pressure'].unit})' or 'side_force (N)',"
+        " instead of a velocity 'time (s)' and 'distance (m)'."
+        f" For other names, granphon fit takes --column '{kind}=NAME ({unit})', Python columns={{'{kind}': 'NAME ({unit})'}}"
+    )
+    why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
+    raise InputError(message(f"{table.name} has {', and '.join(lacks)}", why, mend))
+
+
 def read_sigma(text: str, velocity: Array) -> Any:
     """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1 %" of each."""
     if re.search(r"(?:%|percent)\s*$", text):
@@ -131,9 +158,10 @@ class Measurements(Result):
                 raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_tell_column(there[0])))
             return there[0] if there else None
 
+        quantities = {**COLUMNS, **load_quantities(periods)}
+
         def read(kind: str) -> Array:
-            quantity = load_quantities(periods)[kind] if kind in LOADS else COLUMNS[kind]
-            return table.column(named.get(kind, kind), quantity, _tell_column(kind))
+            return table.column(named.get(kind, kind), quantities[kind], _tell_column(kind))
 
         load = choose("force", "side_force", "pressure")
         if load == "side_force" and frame is None:
@@ -145,11 +173,16 @@ class Measurements(Result):
             raise InputError(
                 message(f"{path} gives pressures", why, "Give pressed, a function that returns the contact forces")
             )
+        timed, error, pulsed = choose("velocity", "time") == "time", choose("sigma", "time_sigma"), choose("frequency")
+        needed = ["time", *["distance"] * (distance is None)] if timed else ["velocity"]
+        if error == "time_sigma" and not timed:
+            needed.append("time")
+        needed += [kind for kind in (error, pulsed) if kind]
+        _require_headed(table, {kind: named.get(kind, kind) for kind in (load or "force", *needed)}, quantities)
         converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
         force = read(load or "force")
         if converted is not None:
             force = np.array([converted(value) for value in force.tolist()])
-        timed = choose("velocity", "time") == "time"
         told = choose("distance" if timed else "velocity")
         if distance is not None and told is not None:
             why = "A distance given beside the table is for times of flight only, and for all of them"
@@ -159,14 +192,14 @@ class Measurements(Result):
             velocity = read("velocity")
         else:
             velocity = (read("distance") if distance is None else positive("distance", distance, "m")) / read("time")
-        sigma, error = None, choose("sigma", "time_sigma")
+        sigma = None
         if error is not None:
             head = named.get(error, error)
             if PERCENT.measures(table.unit(head)):
                 sigma = velocity * (table.column(head, PERCENT, _tell_column(error)) / 100.0)
             else:
                 sigma = read("sigma") if error == "sigma" else velocity * read("time_sigma") / read("time")
-        frequency = read("frequency") if choose("frequency") else None
+        frequency = read("frequency") if pulsed else None
         try:
             return cls(force, velocity, sigma, frequency)
         except InputError as error:

@@ -5,7 +5,9 @@ The defaults of keys that a file leaves out are not here, but in the classes of 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,8 @@ from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import read_poisson_ratio
 from granphon.base.errors import Refused
-from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
+from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, NUMBER
+from granphon.base.scales import write_quantity
 from granphon.base.text import Document, show
 from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key, truth, zero_or_above
 from granphon.phonons.paths import BandPath, read_labels
@@ -85,7 +88,22 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         readers = {key: partial(_read_block, key, rule) if isinstance(rule, dict) else rule for key, rule in rules.items()}
         return block(document.data, readers, REQUIRED[""])
     except Refused as refused:
-        raise document.error(refused.path, str(refused)) from None
+        raise document.error(refused.path, str(_convert_percent(document.data, refused))) from None
+
+
+def _convert_percent(data: Any, refused: Refused) -> Refused:
+    """Return the refusal of a width in per cent with the length that it is of the diameter; any other as it is."""
+    value: Any = data
+    with suppress(LookupError, TypeError, Refused, AttributeError):
+        for key in refused.path:
+            value = value[key]
+        told = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
+        if told and refused.path[:2] in (("packing", "spread"), ("sweep", "width"), ("sweep", "spread")):
+            diameter = LENGTH.read(data["packing"]["diameter"])
+            width = write_quantity(float(told[1]) / 100.0 * diameter, "m")
+            mend = f"{told[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
+            return Refused(refused.found, refused.allowed, mend, refused.path)
+    return refused
 
 
 def _require_known(data: Any, rules: Mapping[str, Rule | dict[str, Rule]]) -> None:
