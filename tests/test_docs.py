@@ -58,6 +58,11 @@ NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks
 #: statements of values and commands in some pages, at least
 LEAST = {"README.md": 4, "tutorial/steel.md": 14, "how-to/ase.md": 15, "how-to/python.md": 15, "explanation/ladder.md": 8}
 
+#: characters for which the column of a page has room
+COLUMN = 88
+#: languages of blocks that the style of the pages wraps, as a terminal does: what commands print
+WRAPPED = ("console", "text")
+
 #: pages that take seconds, by simulations or by measuring times
 LONG = ("explanation/cluster.md", "how-to/material.md", "how-to/tradeoff.md")
 
@@ -257,6 +262,18 @@ def test_every_block_runs_and_gives_what_the_page_says(page, folder):
     assert not problems, problems
     # the convention has not silently come to mean nothing
     assert len(checks) >= LEAST.get(name_of(page), 0)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_the_column_has_room_for_every_block(page):
+    text = page.read_text(encoding="utf-8")
+    code = [
+        (text.count("\n", 0, found.start(2)) + 1, found[2])
+        for found in _FENCE.finditer(text)
+        if not found[0].startswith((*(f"```{kind}\n" for kind in WRAPPED), "```{code-block} text", "```{eval-rst}"))
+    ]
+    wide = [first + n for first, block in code for n, line in enumerate(block.splitlines()) if len(line) > COLUMN]
+    assert wide == [], f"{name_of(page)}: lines of more than {COLUMN} characters"
 
 
 def test_the_convention_finds_what_is_wrong(folder):

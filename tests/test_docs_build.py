@@ -117,6 +117,24 @@ def test_terms_lead_to_their_rows(site):
 
 
 @pytest.mark.skipif(bool(explain_missing()), reason=explain_missing() or "-")
+def test_no_block_is_wider_than_its_column(site):
+    """Nor is any text cut: what does not fit would be behind the edge of the block."""
+    pages = [page for page in sorted(site.rglob("*.html")) if not {"_static", "gallery"} & set(page.parts)]
+    measure = """() => [...document.querySelectorAll("article pre")].filter((one) => one.scrollWidth > one.clientWidth)
+        .map((one) => one.textContent)"""
+    seen, wide = 0, {}
+    with open_browser() as browser:
+        tab = browser.new_page(viewport={"width": 1440, "height": 900})
+        for page in pages:
+            tab.goto(page.as_uri(), wait_until="domcontentloaded")
+            seen += tab.locator("article pre").count()
+            if cut := tab.evaluate(measure):
+                wide[page.name] = cut
+    assert wide == {}
+    assert seen > 150
+
+
+@pytest.mark.skipif(bool(explain_missing()), reason=explain_missing() or "-")
 def test_pages_and_their_formulas_need_no_network(site):
     pages = [page for page in sorted(site.rglob("*.html")) if "_static" not in page.parts]
     asked, errors, formulas = set(), [], 0
