@@ -296,7 +296,7 @@ def test_sizes_of_a_simulation_are_whole_numbers(keyword):
 
 def test_the_name_of_a_lattice_is_a_text():
     for wrong in (None, 1, [], {}, object(), np.array(["a"])):
-        with pytest.raises(InputError, match="the name of a lattice is"):
+        with pytest.raises(InputError, match="the name of a lattice: found"):
             gp.Lattice(wrong, ((1.0, 0.0), (0.0, 1.0)))
 
 

@@ -447,7 +447,8 @@ def test_run_writes_velocities(work, capsys):
     assert summary["versions"] == files.versions("numpy", "scipy")
     assert (summary["valid"], summary["ok"]) == (True, True)
     assert [check["name"] for check in summary["validity"]] == [
-        "contact_radius", "load", "velocity", "resonance", "young_modulus", "density", "high_density",
+        "contact_radius", "load", "velocity", "resonance", "young_modulus", "density", "high_density", "diameter",
+        "large_diameter",
     ]  # fmt: skip
     assert summary["files"] == ["scene.yaml", "summary.yaml"]
     numbers = {key for key, value in summary.items() if isinstance(value, float)}

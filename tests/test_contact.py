@@ -289,6 +289,10 @@ def validity_by_hand(packing, force, eta):
     }, math.sqrt(k / mass) / (2 * math.pi)
 
 
+#: conditions that the unit of a number is probably wrong
+OF_BALLS = ("young_modulus", "density", "high_density", "diameter", "large_diameter")
+
+
 @pytest.mark.claim("limits-together")
 @pytest.mark.parametrize("friction", [True, False])
 @pytest.mark.parametrize("force", [1e-6, 18.446, 3e5])
@@ -302,7 +306,7 @@ def test_validity_is_computed(twin, friction, force):
     mesh = [np.array([m, n]) / 24 @ cell for m in range(24) for n in range(24)]
     top = max(twin.frequencies(twin.hexagon(), q, eta)[-1] for q in mesh)
     expected["resonance"] = top * unit / packing.material.lowest_resonance(8e-3)
-    assert {check.name for check in checks.checks} - {"young_modulus", "density", "high_density"} == set(expected)
+    assert {check.name for check in checks.checks} - set(OF_BALLS) == set(expected)
     for name, value in expected.items():
         assert_allclose(checks[name].value, value, rtol=1e-12)
         assert checks[name].ok == (value <= checks[name].limit)
@@ -384,23 +388,25 @@ def test_whole_numbers_beyond_any_float_are_one_clear_error(take, big):
 @pytest.mark.parametrize(
     ("values", "failed"),
     [
-        ((70.0, 2.5), ["young_modulus"]), ((70e9, 0.0025), ["density"]), ((70e9, 2.5e6), ["high_density"]),
-        ((999.0, 0.99), ["young_modulus", "density"]), ((1e3, 1.0), []), ((1e3, 3e4), []), ((70e9, 2500.0), []),
+        ((70.0, 2.5, 8e-3), ["young_modulus"]), ((70e9, 0.0025, 8e-3), ["density"]), ((70e9, 2.5e6, 8e-3), ["high_density"]),
+        ((999.0, 0.99, 1e-3), ["young_modulus", "density"]), ((1e3, 1.0, 1e-8), []), ((1e3, 3e4, 1.0), []),
+        ((70e9, 2500.0, 8.0), ["large_diameter"]), ((70e9, 2500.0, 8e6), ["large_diameter"]),
+        ((70e9, 2500.0, 9e-9), ["diameter"]),
     ],
 )  # fmt: skip
-def test_a_material_in_a_wrong_unit_is_questioned(values, failed):
-    """70 GPa given as 70 made 1.87 m/s without a word."""
-    young, density = values
-    packing = gp.Packing(gp.Material(young, 0.22, density), 8e-3, gp.Uniform(2e-6))
-    loads = 1e-9 * young * 8e-3**2 * np.array([1.0, 2.0])
+def test_a_ball_in_a_wrong_unit_is_questioned(values, failed):
+    """70 GPa given as 70 made 1.87 m/s without a word, and 8 mm given as 8 Mm any velocity."""
+    young, density, d = values
+    packing = gp.Packing(gp.Material(young, 0.22, density), d, gp.Uniform(2.5e-4 * d))
+    loads = 1e-9 * young * d**2 * np.array([1.0, 2.0])
     for state in (gp.AveragedLattice(packing).at_force(loads[0]), gp.AveragedLattice(packing).at_force(loads)):
         report = gp.validity(state)
-        units = [check for check in report.checks if check.name in ("young_modulus", "density", "high_density")]
+        units = [check for check in report.checks if check.name in OF_BALLS]
         assert [check.name for check in units if not np.all(check.ok)] == failed
         assert all(np.shape(check.value) == state.shape for check in units)
         said = [text for text in gp.sound_velocities(state).warnings if "unit is probably wrong" in text]
         assert len(said) == len(failed)
-        assert all(text.startswith(("The Young modulus is", "The density is")) for text in said)
+        assert all(text.startswith(("The Young modulus is", "The density is", "The diameter is")) for text in said)
 
 
 @pytest.mark.parametrize(("lattice", "unit"), [("chain", "N"), ("triangular", "N/m"), ("fcc", "Pa")])

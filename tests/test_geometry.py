@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import mpmath
 import numpy as np
@@ -269,10 +270,23 @@ def test_images_are_apart_in_a_skewed_cell_too():
     assert not touch_once_at_most(long, (1, 1), 1.0)
 
 
-@pytest.mark.parametrize("name", ["", " ", None, 3])
-def test_a_lattice_has_a_name(name):
-    with pytest.raises(InputError, match=r"the name of a lattice is .* Give a text that is not empty"):
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        *((n, "a name") for n in ("", " ", 3, None)),
+        *((n, "a name that does not begin with =, +, - or @") for n in ("=1+1", "+1", "-1+1", "@SUM(A1)", " =1", "\uff1d1")),
+        *((n, "a name of letters that can be seen") for n in ("ab\u202edc", "square\u200b", "a\tb", "a\nb", "\x1b[31mred")),
+    ],
+)  # fmt: skip
+def test_a_lattice_has_a_name(name, allowed):
+    with pytest.raises(InputError, match=rf"^the name of a lattice: found .*; allowed: {re.escape(allowed)}\.") as caught:
         gp.Lattice(name, ((1.0, 0.0), (0.0, 1.0)))
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["a-b = c+d", "carré", "正方", "2 x 2", "mine@home"])
+def test_other_names_are_taken(name):
+    assert gp.Lattice(name, ((1.0, 0.0), (0.0, 1.0))).name == name
 
 
 @pytest.mark.parametrize(

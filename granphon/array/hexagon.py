@@ -117,7 +117,7 @@ class PressedHexagon(Result):
 
     @property
     def contact_radius(self) -> float:
-        """Radius of the largest contact, of two balls or with a wall, over that of a ball."""
+        """Ratio of the radius of the largest contact, of two balls or with a wall, to that of a ball."""
         d, law = self.packing.diameter, self.packing.law
         at_wall = np.cbrt(self.wall_forces / self.wall_coefficient) ** 2
         overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)  # a wall has the curvature of half a ball

@@ -19,6 +19,7 @@ from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.notebook import write_html
 from granphon.base.results import read_only
+from granphon.base.validation import label, require
 
 __all__ = [
     "BALL", "BCC", "CHAIN", "DIAMOND", "FCC", "HCP", "HONEYCOMB", "KAGOME", "LATTICES", "SC", "SQUARE", "TRIANGULAR",
@@ -62,10 +63,11 @@ class Lattice:
 
     Raises
     ------
-    InputError : the name is not a text, is empty, or is that of a known lattice with another cell or other sites; the cell
-        is not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a ball touches no other, balls miss each
-        other by less than a thousandth of the spacing, contacts do not join all balls, or equal contact forces leave a ball
-        out of balance.
+    InputError : the name is not a text, is empty, has letters that cannot be seen, begins with a sign that makes it a
+        formula to a spreadsheet (=, +, -, @), or is that of a known lattice with another cell or other sites; the cell is
+        not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a ball touches no other, balls miss each other
+        by less than a thousandth of the spacing, contacts do not join all balls, or equal contact forces leave a ball out of
+        balance.
     """
 
     name: str
@@ -73,8 +75,7 @@ class Lattice:
     sites: tuple[tuple[float, ...], ...] = ((),)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
-            raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text that is not empty"))
+        require("the name of a lattice", label, self.name)
         # lists and arrays become tuples, so that a Lattice is hashable and cannot change
         try:
             cell = real_array("cell", self.cell)

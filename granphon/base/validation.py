@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import closest, show
 
 __all__ = [
-    "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "lengths", "number",
+    "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "label", "lengths", "number",
     "number_list", "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth",
     "refuse_unknown_key", "whole", "zero_or_above",
 ]  # fmt: skip
@@ -101,6 +102,16 @@ def text(value: Any) -> str:
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
     raise Refused(show(value), "a name")
+
+
+def label(value: Any) -> str:
+    """A name that stands in tables: printable, without letters that have no width, and no formula to a spreadsheet."""
+    found = text(value)
+    if not found.isprintable():
+        raise Refused(show(value), "a name of letters that can be seen")
+    if normalize("NFKC", found).strip()[:1] in ("=", "+", "-", "@"):
+        raise Refused(show(value), "a name that does not begin with =, +, - or @", "Spreadsheets would compute it")
+    return found
 
 
 def text_list(given: Any) -> tuple[str, ...]:

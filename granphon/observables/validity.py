@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,6 +68,8 @@ _WORDS_OF_BALLS = {
     "young_modulus": "the Young modulus is {worst} Pa, less than {limit} Pa",
     "density": "the density is {worst} kg/m^3, less than {limit} kg/m^3",
     "high_density": "the density is {worst} kg/m^3, more than {limit} kg/m^3",
+    "diameter": "the diameter is {worst} m, less than {limit} m",
+    "large_diameter": "the diameter is {worst} m, more than {limit} m",
 }
 #: what mends the torsion, in media that have terms of finite overlap
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
@@ -74,11 +77,13 @@ _KEEPS = "; finite_overlap=True keeps those of the static force and of the dista
 _DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
 #: reason given when a property of the material is outside its limit
 _WRONG_UNIT = "the unit is probably wrong, SI units are expected"
-#: conditions on the material, by name: the attribute, what it is, the limit (SI), and whether the limit is a least value
-_MATERIAL_LIMITS = {
-    "young_modulus": ("young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
-    "density": ("density", "density in kg/m^3", 1.0, True),
-    "high_density": ("density", "density in kg/m^3", 3e4, False),
+#: conditions on the balls, by name: the attribute of the packing, what it is, the limit (SI), whether that is a least value
+_BALL_LIMITS = {
+    "young_modulus": ("material.young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
+    "density": ("material.density", "density in kg/m^3", 1.0, True),
+    "high_density": ("material.density", "density in kg/m^3", 3e4, False),
+    "diameter": ("diameter", "diameter in m", 1e-8, True),
+    "large_diameter": ("diameter", "diameter in m", 1.0, False),
 }
 
 
@@ -266,7 +271,8 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
     - for a simulation with friction of balls that differ, in the geometry of the lattice, the part by which its shear
       modulus is expected to be too small, three times as much after a history of friction; not where no contact resists
       slip, as after a history with a friction coefficient of zero, unless its contacts stick;
-    - Young modulus and density, which must be those of a solid: others are probably given in a wrong unit.
+    - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
+      given in a wrong unit.
 
     The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
@@ -324,7 +330,7 @@ def _compute_validity(state: ContactState) -> Validity:
         reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
-    for name, (attribute, meaning, limit, at_least) in _MATERIAL_LIMITS.items():
-        value = np.full(state.shape, getattr(material, attribute))
+    for name, (attribute, meaning, limit, at_least) in _BALL_LIMITS.items():
+        value = np.full(state.shape, attrgetter(attribute)(state.packing))
         checks.append(Check(name, meaning, value, limit, _WRONG_UNIT, at_least))
     return Validity(tuple(checks))

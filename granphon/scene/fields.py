@@ -31,6 +31,7 @@ from granphon.base.validation import (
     each,
     grid,
     is_whole,
+    label,
     number,
     text,
     truth,
@@ -278,7 +279,7 @@ def read_lattice(value: Any) -> str | Lattice:
 def _read_own_lattice(value: dict[str, Any]) -> Lattice:
     """Read a block {name, cell, sites}; one ball at the origin if the sites are left out."""
     rows = partial(each, rule=partial(each, rule=_read_fraction, what="numbers"), what="lists of numbers")
-    given = block(value, {"name": text, "cell": rows, "sites": rows}, ("name", "cell"))
+    given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
     try:
         return Lattice(**given)
     except InputError as error:
