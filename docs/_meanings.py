@@ -64,7 +64,7 @@ DEFAULTS = {
     "pulse.ends": "`free`",
     "pulse.damping": "`0 s`",
     "spectrum.resolution": "1/256 of a bound of the frequencies, about",
-    "pulse.distance": "half the length of the array along the direction",
+    "pulse.distance": "half the length of the array along the direction; a quarter with `ends: periodic`",
     "phonopy.dim": "the smallest that is large enough",
     "phonopy.band": "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice; Γ-X on a chain; in space ASE's",
     "phonopy.mesh": "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",

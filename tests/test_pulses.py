@@ -11,7 +11,7 @@ from scipy.special import jv
 
 import granphon as gp
 from granphon.balls.motions import allowed_motions
-from granphon.base.errors import ConvergenceError, InputError, InstabilityError, UnreachableFrequencyError
+from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
 from granphon.networks.network import ContactNetwork
 from granphon.waves.arrivals import find_arrivals
 from granphon.waves.operator import WaveOperator
@@ -331,6 +331,24 @@ def test_network_that_would_buckle_is_refused():
         gp.Waves(pushed).transmit(0.5 * HERTZ, (0, 1), 4.0 * D)
 
 
+@pytest.mark.parametrize("ends", ["periodic", "free", "walls"])
+@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize(("lattice", "shape"), [("square", (3, 24)), ("kagome", (3, 16)), ("sc", (3, 3, 16))])
+def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, large, ends, monkeypatch):
+    if large:  # as networks are that are too large to be factorised
+        monkeypatch.setattr("granphon.waves.eigenpairs._FACTORED", {2: 0, 3: 0})
+    along = np.eye(len(shape))[-1]
+    for friction, unstable in ((False, True), (True, False)):
+        packing = gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)
+        state = gp.AveragedLattice(packing).at_overlap(1e-6, finite_overlap=True)
+        waves = gp.Waves(ContactNetwork.from_state(state, shape))
+        if unstable:
+            with pytest.raises(InstabilityError, match="squared frequency is below zero"):
+                waves.transmit(12e3, along, 0.03, 1, ends=ends)
+        else:
+            assert np.isfinite(waves.transmit(12e3, along, 0.03, 1, ends=ends, duration=1e-4).energies).all()
+
+
 def test_frames_are_the_signals_at_their_times():
     pulse = gp.Waves(ideal("triangular", (2, 30))).transmit(0.5 * HERTZ, (0, 1), 8.0 * D, 2)
     moments = pulse.times[[30, 80]]
@@ -413,8 +431,6 @@ def test_bad_pulses_are_refused(disordered):
                   {"damping": -1.0}, {"duration": 0.0}, {"planes": [-1.0]}):  # fmt: skip
         with pytest.raises(InputError, match=next(iter(wrong))):
             waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, **wrong)
-    with pytest.raises(ConvergenceError, match="does not arrive within the record"):
-        gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 90.0 * D, 1, duration=1.0 / HERTZ).arrival()
     with pytest.raises(InputError, match="not known"):
         waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D).arrival("ear")
 
@@ -422,24 +438,107 @@ def test_bad_pulses_are_refused(disordered):
 def test_what_does_not_travel_has_no_time_of_flight():
     # without bending, waves across a plane of balls do not run at this frequency; what is heard is the near field
     lattice = gp.ContactLattice.of("triangular", 0.8, motions=allowed_motions(2)["out_of_plane"])
-    network = ContactNetwork.of(lattice, UNITS).repeat((1, 60))
-    pulse = gp.Waves(network).transmit(
-        0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", ends="periodic", duration=40 / HERTZ
-    )
-    with pytest.raises(ConvergenceError, match="not after the burst"):
-        pulse.arrival()
+    network = ContactNetwork.of(lattice, UNITS).repeat((1, 300))
+    pulse = gp.Waves(network).transmit(0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", duration=140 / HERTZ)
+    require_unknown(pulse, "not after the burst")
 
 
 def test_signal_that_comes_at_once_has_no_time_of_flight():
     # an array that is far shorter than the wave moves as a whole: a hundredth of a reading is no time of flight
     burst = ToneBurst(1.0, 5.0)
     times = np.arange(400) / 24.0
-    with pytest.raises(ConvergenceError, match="far shorter than the pulse"):
-        find_arrivals(times, burst(times - 0.01 / 24.0)[None], burst(times), "envelope", 0.1)
-    found = find_arrivals(times, burst(times - 2.0 / 24.0)[None], burst(times), "envelope", 0.1)
-    np.testing.assert_allclose(found, 2.0 / 24.0, rtol=1e-3)
+
+    def find(*delays):
+        return find_arrivals(times, np.array([burst(times - one) for one in delays]), burst(times), 5.0, "envelope", 0.1)
+
+    found, reasons = find(0.01 / 24.0, 2.0 / 24.0, 12.0)
+    assert np.isnan(found).tolist() == [True, False, True]
+    assert "far shorter than the pulse" in reasons[0]
+    assert reasons[1] == ""
+    assert "the record ends before" in reasons[2]
+    np.testing.assert_allclose(found[1], 2.0 / 24.0, rtol=1e-3)
 
 
+def require_unknown(pulse, why):
+    """The pulse has no time of flight by any reading, and its warnings say why."""
+    assert np.isnan([pulse.time_of_flight, pulse.velocity, pulse.velocity_error]).all()
+    assert np.isnan([pulse.arrival(method) for method in ("envelope", "first", "correlation")]).all()
+    assert why in pulse.why_unknown
+    assert any(pulse.why_unknown in text for text in pulse.warnings)
+
+
+@pytest.mark.claim("pulses-record")
+@pytest.mark.parametrize("cycles", [3.0, 5.0])
+@pytest.mark.parametrize("distance", [0.1, 0.15, 0.2, 0.25])
+def test_a_periodic_network_without_room_for_burst_and_flight_is_refused(cycles, distance):
+    packing = gp.Packing(STEEL, 8e-3)
+    network = ContactNetwork.from_state(gp.AveragedLattice(packing).at_force(5.0), (2, 80))
+    sound = gp.sound_velocities(gp.AveragedLattice(packing).at_force(5.0), (0, 1)).longitudinal
+    period = 80 * np.sqrt(0.75) * 8e-3
+    waves, refused = gp.Waves(network), 0
+    for hertz in (4e3, 6e3, 8e3, 10e3, 12e3):
+        away = np.rint(distance / np.sqrt(0.75) / 8e-3) * np.sqrt(0.75) * 8e-3
+        needed = 2.0 * away + cycles / hertz * sound
+        if needed > period:
+            refused += 1
+            with pytest.raises(InputError, match=rf"are over\. .* an array of {needed:.4g} m along"):
+                waves.transmit(hertz, (0, 1), distance, cycles, ends="periodic")
+        else:
+            group = gp.pulse_velocities(gp.AveragedLattice(packing).at_force(5.0), hertz, (0, 1)).group[0]
+            assert waves.transmit(hertz, (0, 1), distance, cycles, ends="periodic").velocity == pytest.approx(
+                group, rel=0.01
+            )
+    assert 0 < refused < 5 or distance > 0.1
+
+
+@pytest.mark.claim("pulses-none")
+def test_a_record_that_is_cut_has_no_time_of_flight():
+    whole = gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 40.0 * D, 5)
+    last = whole.time_of_flight + 5.0 / (0.5 * HERTZ)  # burst and flight
+    assert whole.velocity == pytest.approx(np.sqrt(1.0 - 0.25**2) * D * OMEGA, rel=1e-3)
+    for part in (0.3, 0.6, 0.8, 0.95):  # a ripple of the cut envelope is no arrival
+        cut = gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 40.0 * D, 5, duration=part * last)
+        require_unknown(cut, "the record ends before the pulse is over")
+        assert np.isnan(cut.arrivals()).all()
+    held = gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 40.0 * D, 5, duration=1.02 * last)
+    assert held.velocity == pytest.approx(whole.velocity, rel=1e-4)
+
+
+@pytest.mark.claim("pulses-none")
+@pytest.mark.parametrize("cycles", [5, 20])
+@pytest.mark.parametrize("hertz", [1.5, 1.6, 1.8, 2.0])
+def test_a_pulse_in_a_gap_has_no_time_of_flight(cycles, hertz):
+    # heavy and light balls in turn: no wave between (2 k/M)^1/2 and (2 k/m)^1/2
+    whole = chain(200)
+    masses = np.where(np.arange(200) % 2, 0.4, 1.0) * whole.masses
+    waves = gp.Waves(replace(whole, masses=masses, lattice=None, shape=None))
+    require_unknown(waves.transmit(hertz * HERTZ, (1,), 50.0 * D, cycles), "")
+    inside = waves.transmit(0.8 * HERTZ, (1,), 50.0 * D, cycles)
+    assert inside.velocity == pytest.approx(330.0, rel=0.05)
+    assert not inside.warnings
+
+
+@pytest.mark.claim("pulses-none")
+def test_a_velocity_above_that_of_the_fastest_wave_is_none():
+    arrived = gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 40.0 * D, 5)
+    faster = replace(arrived, distance=1.1 * arrived.distance)
+    require_unknown(replace(faster, warnings=faster.judge()), "take longer")
+
+
+@pytest.mark.claim("pulses-error")
+@pytest.mark.parametrize(
+    ("hertz", "cycles", "low", "high"), [(0.6, 1, 0.04, 0.06), (0.6, 5, 0.0, 0.005), (0.3, 1, 0.0, 0.015)]
+)
+def test_a_pulse_says_how_sure_its_velocity_is(hertz, cycles, low, high):
+    pulse = gp.Waves(chain(120)).transmit(hertz * HERTZ, (1,), 16.0 * D, cycles)
+    group = np.sqrt(1.0 - 0.25 * hertz**2) * D * OMEGA
+    away = abs(pulse.velocity - group)
+    assert low * group <= away <= high * group
+    assert pulse.velocity_error == pytest.approx(away, rel=0.15, abs=0.003 * group)
+    assert any("changes its shape" in text for text in pulse.warnings) == (low > 0.0)
+
+
+@pytest.mark.claim("pulses-none")
 def test_echo_within_the_pulse_is_a_warning():
     network = ideal("triangular", (4, 48))
     waves, velocity = gp.Waves(network), D * OMEGA * np.sqrt((9.0 + 3.0 * 0.8) / 8.0)
@@ -447,11 +546,13 @@ def test_echo_within_the_pulse_is_a_warning():
     least = 2.5 * velocity / way  # five cycles rise to their maximum in half of their time
     assert not waves.transmit(1.05 * least, (0, 1), 24 * D * np.sqrt(0.75)).warnings
     early = waves.transmit(0.95 * least, (0, 1), 24 * D * np.sqrt(0.75))
-    assert "echo" in early.warnings[0]
+    require_unknown(early, "an echo from an end")
     assert len(average_pulses([early, early]).warnings) == 1
     assert Pulse.from_dict(early.to_dict()) == early
-    # a ring has no echo; at the end itself the first is the one that has crossed the array twice more
-    assert not waves.transmit(0.95 * least, (0, 1), 16 * D, ends="periodic").warnings
+    # in a ring what runs the other way comes as an echo
+    around = waves.transmit(0.95 * least, (0, 1), 16 * D, ends="periodic", duration=early.times[-1])
+    require_unknown(around, "an echo from an end")
+    # at the end itself the first is the one that has crossed the array twice more
     assert not waves.transmit(0.6 * least, (0, 1), 47.5 * D * np.sqrt(0.75)).warnings
     # of a ball in the middle, one end is as near behind it as the other is ahead of the receivers
     course = Course.along(network, np.array([0.0, 1.0, 0.0])).with_ends("free")
@@ -467,8 +568,7 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
     assert not any("damped" in one for one in quiet.warnings)
     assert any("damped" in one for one in loud.warnings)
     stuck = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 1, damping=1e9 / HERTZ)
-    with pytest.raises(ConvergenceError):
-        stuck.arrival()
+    assert np.isnan(stuck.arrival())
 
 
 def test_record_without_end_is_refused():
@@ -503,7 +603,7 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
     state = gp.DirectSimulation(packing, shape=(6, 130), seed=seed).at_force(18.4)
     waves = gp.Waves(state.sample)
-    pulse = waves.transmit(6500.0, (0, 1), 0.2, ends=ends)
+    pulse = waves.transmit(6500.0, (0, 1), 0.14, ends=ends)
     heights = waves.network.positions[:, 1]
     period = waves.network.cell[1, 1]
     ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)

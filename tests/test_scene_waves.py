@@ -22,7 +22,7 @@ HEAD = (
 ARRAY = HEAD + "medium: {simulation: {shape: [12, 24]}}\ndirection: [0, 1]\n"
 ALL = (
     ARRAY + "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational], points: 5}\n"
-    "pulse: {frequency: 4 kHz, cycles: 2, distance: 40 mm}\nphonopy: {mesh: 6 6 1}\n"
+    "pulse: {frequency: 9 kHz, cycles: 2, distance: 80 mm}\nphonopy: {mesh: 6 6 1}\n"
 )
 
 
@@ -43,7 +43,7 @@ def test_files_hold_what_the_library_finds(done):
         assert read_waves(folder / f"{stem}.json") == result.waves._results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos
-    assert waves.transmit(4000.0, (0, 1), 0.04, 2.0, ends="free") == result.waves.pulse
+    assert waves.transmit(9000.0, (0, 1), 0.08, 2.0, ends="free") == result.waves.pulse
     spectra = result.waves.spectra
     assert [one.polarisation for one in spectra.spectra] == ["longitudinal", "rotational"]
     again = waves.spectral_function(spectra.spectra[0].q)
@@ -81,6 +81,14 @@ def test_scene_with_waves_is_written_and_read_back(done):
 def test_figures_are_drawn_again(done, tmp_path, stem):
     _, _, folder = done
     assert redraw(folder, out=tmp_path / f"{stem}.svg").stat().st_size > 5000
+
+
+def test_both_axes_of_a_pulse_have_numbers_and_labels(done):
+    figure = done[1].waves.figure("pulse.png")
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert axes.get_xlabel() == "Time (ms)"
+        assert any(label.get_visible() and label.get_text() for label in axes.get_xticklabels())
 
 
 def test_a_name_of_a_figure_that_is_not_there_is_refused(done, tmp_path):
@@ -260,7 +268,7 @@ def test_damaged_results_are_named_with_their_file(done, tmp_path):
     for text, said in (
         ("{}", "describe a"),
         ("[1", "not JSON"),
-        ((folder / "pulse.json").read_text().replace("4000.0", "4001.0"), "pulse.json"),
+        ((folder / "pulse.json").read_text().replace("9000.0", "9001.0"), "pulse.json"),
     ):
         (tmp_path / "pulse.json").write_text(text)
         with pytest.raises(gp.GranphonError, match=said) as caught:

@@ -255,8 +255,8 @@ def test_spectra_that_cannot_be_are_refused_before_a_simulation(unsimulated, tex
     assert "<scene>:" in str(caught.value)
 
 
-#: its record ends a little before the pulse is at its height, which no one knows before the forces of contacts
-LATE = {"ends": "periodic", "cycles": "2.4", "distance": "30 mm"}
+#: the echo from the far end comes before it is at its height
+LATE = {"cycles": "4", "distance": "60 mm"}
 
 
 def test_pulse_that_cannot_be_read_is_told_and_all_else_is_written(tmp_path):

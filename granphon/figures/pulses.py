@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 # before matplotlib, whose import this module guards
@@ -18,7 +17,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.errors import InputError, message
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION
 from granphon.networks.network import ContactNetwork
 from granphon.waves.pulses import Pulse
@@ -51,7 +50,7 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
     ax.set_yticks(-np.arange(len(traces)), [name for name, _, _ in traces])
     ax.tick_params(axis="y", length=0)
     told = ": its arrival is not known"
-    with suppress(ConvergenceError):
+    if not pulse.why_unknown:
         time = pulse.time_of_flight
         ax.axvline(1e3 * (time + 0.5 * pulse.cycles / pulse.frequency), color="black", linewidth=0.6, dashes=(3, 2))
         told = f" in {1e3 * time:.4g} ms: {pulse.distance / time:.4g} m/s"
@@ -66,7 +65,7 @@ def pulse_figure(pulse: Pulse) -> Figure:
         figure = Figure((COLUMN_WIDTH, 4.2), dpi=DPI, layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
-        above.set_xlabel("")
+        above.tick_params(axis="x", labelbottom=True)
         t, size = 1e3 * pulse.times, 1e6
         below.plot(t, size * pulse.envelope, color=BLUE, linewidth=1.0, label="coherent, envelope")
         below.plot(t, size * pulse.speckle_amplitude, color=VERMILION, linewidth=1.0, label="speckle, rms")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.errors import ConvergenceError, GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
@@ -48,19 +48,10 @@ class SampleWaves:
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
         return {name: one for name, one in found.items() if one is not None}
 
-    @cached_property
-    def _arrival(self) -> tuple[float | None, str]:
-        """Time of flight of the pulse, s, or None and a sentence that says why it is not known."""
-        try:
-            return (None if self.pulse is None else self.pulse.time_of_flight), ""
-        except ConvergenceError as error:
-            return None, f"the arrival of the pulse is not known: {error}"
-
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is to be known of the results, and what of them is not known, and why."""
-        own = () if self.pulse is None else self.pulse.warnings
-        return own + self.notes + (self._arrival[1],) * bool(self._arrival[1])
+        return (() if self.pulse is None else self.pulse.warnings) + self.notes
 
     def summary(self) -> dict[str, Any]:
         """Return numbers of the results, by name, in SI units; those that are not known are left out."""
@@ -68,8 +59,8 @@ class SampleWaves:
         if sent is None:
             return {}
         out = {"pulse_distance": sent.distance, "coherent_fraction": sent.coherent_fraction}
-        if (time := self._arrival[0]) is not None:
-            out |= {"time_of_flight": time, "pulse_velocity": sent.distance / time}
+        if not sent.why_unknown:
+            out |= {"time_of_flight": sent.time_of_flight, "pulse_velocity": sent.velocity}
         return out
 
     @property

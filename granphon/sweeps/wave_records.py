@@ -28,8 +28,8 @@ __all__ = ["average_waves", "record_waves"]
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
-#: numbers of a pulse that are averaged
-_PULSE = ("pulse_velocity", "time_of_flight", "coherent_fraction")
+#: numbers of a pulse that are averaged, and what a pulse calls them
+_PULSE = {"pulse_velocity": "velocity", "time_of_flight": "time_of_flight", "coherent_fraction": "coherent_fraction"}
 
 
 # -- of one sample ------------------------------------------------------------------------------------------------------
@@ -62,16 +62,16 @@ def _record_spectrum(sample: Sample, waves: Waves, settings: SpectrumSettings, p
 
 def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> dict[str, Array]:
     """Send a pulse. What cannot be known of it is nan, and the text ``pulse_note`` says why."""
-    out, note, echo = dict.fromkeys(_PULSE, math.nan), "", ""
+    out, note, said = dict.fromkeys(_PULSE, math.nan), "", ""
     try:
         heard = transmit(waves.network, Sending.of(settings, waves.network, direction))
-        out["coherent_fraction"], echo = heard.coherent_fraction, " ".join(heard.warnings)
-        out["time_of_flight"] = heard.time_of_flight
-        out["pulse_velocity"] = heard.distance / out["time_of_flight"]
+        out |= {name: getattr(heard, source) for name, source in _PULSE.items()}
+        note = heard.why_unknown
+        said = " ".join(text for text in heard.warnings if not note or note not in text)
     except GranphonError as error:  # what could be known before the simulation has been refused by now
         note = str(error)
     numbers = {name: np.array(value) for name, value in out.items()}
-    return numbers | {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+    return numbers | {"pulse_note": np.array(note), "pulse_echo": np.array(said)}
 
 
 # -- of several samples at one load -------------------------------------------------------------------------------------

@@ -206,10 +206,11 @@ class Course:
     def find_echo(self, start: float, balls: Index) -> float:
         """Return how much longer the way of the first echo from an end is than that from ``start`` to ``balls``, m.
 
-        Balls within a diameter of an end send or hear the pulse and its reflection there as one. Infinity without ends.
+        Balls within a diameter of an end send or hear the pulse and its reflection there as one. Without ends the way is
+        that of the pulse that runs the other way round.
         """
         if self._is_closed:
-            return math.inf
+            return self.period - 2.0 * self.find_distance(start, balls)
         moving = self.places[self.network.moving]
         first, last = (0.0, self.period) if math.isfinite(self.period) else (float(np.min(moving)), float(np.max(moving)))
         ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))

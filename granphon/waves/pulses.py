@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result, read_only
-from granphon.waves.arrivals import find_arrivals, find_envelope
+from granphon.waves.arrivals import find_arrivals, find_delay, find_envelope, find_share
 
 __all__ = ["Pulse", "average_pulses"]
 
@@ -22,6 +22,19 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: part of the envelope at which a signal begins
 _BEGINS = 0.1
+#: damping ratio of a wave of the pulse's frequency from which what arrives tells no velocity of sound
+_MOST_DAMPING = 0.3
+#: relative excess of a velocity over that of the fastest wave that is left to the reading of the record
+_FASTER = 0.02
+#: how much is left of the frequency of the burst, compared with others of it, below which those others are what arrives
+_LEAST_SHARE = 0.5
+#: relative error of a velocity above which it is told
+_UNSURE = 0.03
+#: relative error of a velocity from which it is none
+_UNKNOWN = 0.5
+#: what is looked at around the height of a pulse, in durations of the burst: all of one that keeps its shape, and a margin
+_REACH = 0.75
+_DAMPED = "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has no velocity of sound"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,17 +58,24 @@ class Pulse(Result):
     planes : (n_p, n_t) mean velocity on each of them, m/s; (0,) without any.
     frames : (n_f,) s, if there are any.
     velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s; (0,) without any.
-    warnings : a sentence if an echo from an end may come before the pulse is at its height; times of flight are then those
-        of both.
+    warnings : one sentence for each limit of the model that the network exceeds, why the time of flight is not known, and
+        how sure the velocity is if its error is above 3 percent.
+    echo : m, how much longer the way of the first echo from an end is than the distance, or the way round a periodic network
+        in the other direction.
+    fastest : (2,) m/s, bounds of the velocity of long waves: of those of this polarisation, and of all.
     """
+
+    added = ("echo", "fastest")
 
     units = {
         "frequency": "Hz", "damping": "s", "tangential_damping": "s", "distance": "m", "times": "s", "sent": "N",
         "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
+        "echo": "m", "fastest": "m/s",
     }  # fmt: skip
     shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
         "signals": "r t", "plane_distances": "p", "planes": "p t|p", "frames": "f", "velocities": "f n 3|f", "energies": "2",
+        "fastest": "2",
     }  # fmt: skip
 
     frequency: float
@@ -77,6 +97,8 @@ class Pulse(Result):
     frames: Array
     velocities: Array
     warnings: tuple[str, ...] = ()
+    echo: float = math.inf
+    fastest: Array = field(default_factory=lambda: np.full(2, math.inf))
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers
@@ -124,7 +146,7 @@ class Pulse(Result):
         return float(1.0 - end / start)
 
     def arrival(self, method: str = "envelope", threshold: float = _BEGINS) -> float:
-        """Return the time of flight of the coherent signal, s.
+        """Return the time of flight of the coherent signal, s; nan where there is none, see :attr:`time_of_flight`.
 
         Parameters
         ----------
@@ -135,35 +157,106 @@ class Pulse(Result):
             periods.
         threshold : for "first".
 
-        Raises
-        ------
-        InputError : an unknown method, a threshold that is not between 0 and 1.
-        ConvergenceError : the record ends before the pulse has arrived, the signal is zero, or not later than the burst.
+        Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that is not between 0 and 1.
         """
-        return float(self._find_arrivals(self.coherent[None], method, threshold)[0])
+        found = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
+        return math.nan if self.why_unknown else found
 
     def arrivals(self, method: str = "envelope", threshold: float = _BEGINS) -> Array:
-        """Return the time of flight (n_r,) of the signal of each ball, s.
+        """Return the time of flight (n_r,) of the signal of each ball, s; nan where there is none.
 
         ``method`` and ``threshold`` are those of :meth:`arrival`.
         """
-        return self._find_arrivals(self.signals, method, threshold)
+        found = self._find_arrivals(self.signals, method, threshold)[0]
+        return np.full(found.shape, math.nan) if self._find_echo() else found
 
-    def _find_arrivals(self, signals: Array, method: str, threshold: float) -> Array:
+    def _find_arrivals(self, signals: Array, method: str, threshold: float) -> tuple[Array, list[str]]:
         threshold = positive("threshold", threshold)
         if threshold >= 1.0:
             raise InputError(message(f"threshold is {threshold:g}", mend="Give a part of the maximum, below 1"))
-        return find_arrivals(self.times, signals, self.sent, method, threshold)
+        return find_arrivals(self.times, signals, self.sent, self.cycles / self.frequency, method, threshold)
+
+    @cached_property
+    def _flight(self) -> tuple[float, float, str]:
+        """Time of flight by the envelope, s, its error, s, and why both are nan; empty if they are not."""
+        (time,), (why,) = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
+        hertz, fastest, error, why = self.frequency, float(self.fastest[1]), math.nan, self._find_echo() or why
+        if not why and self.distance > (1.0 + _FASTER) * fastest * time:
+            why = (
+                f"the signal is highest {time:.4g} s after the burst, and the fastest waves of the network, of "
+                f"{fastest:.4g} m/s at most, take longer: use a longer distance, another frequency or more cycles"
+            )
+        if not why:
+            middle, reach = self._find_gate(time)
+            # of the burst, which is even about its middle, the delay is that middle
+            error = abs(find_delay(self.times, self.coherent, hertz, middle, reach) - middle)
+            share = find_share(self.times, self.coherent, self.sent, hertz, middle, reach)
+            if share < _LEAST_SHARE or not error < _UNKNOWN * time:
+                why = (
+                    f"what arrives are other waves of the burst than those of its frequency, {hertz:.6g} Hz, which are "
+                    "held back more than these: use another frequency, such as one of a band, more cycles, or a shorter "
+                    "distance"
+                )
+        return (math.nan, math.nan, why) if why else (float(time), error, "")
+
+    def _find_echo(self) -> str:
+        """Return why an echo makes times of flight unknown, if one may come before the pulse is at its height."""
+        needed = 0.5 * self.cycles / self.frequency * float(self.fastest[0])
+        if self.echo >= needed:
+            return ""
+        return (
+            "an echo from an end, or what runs round a periodic network the other way, may come before the pulse is at "
+            f"its height: its way is {self.echo:.4g} m longer, and {needed:.4g} m are needed. Use a longer array, a "
+            "shorter distance, a higher frequency or fewer cycles"
+        )
+
+    def _find_gate(self, time: float) -> tuple[float, float]:
+        """Return when a pulse with a ``time`` of flight is at its height, s, and how far around it nothing else comes, s."""
+        duration = self.cycles / self.frequency
+        middle = time + 0.5 * duration
+        return middle, min(_REACH * duration, time + self.echo / float(self.fastest[0]) - middle)
+
+    def judge(self) -> tuple[str, ...]:
+        """Return why the time of flight is not known, or how sure the velocity is if its error is above 3 percent."""
+        damping = max(self.damping, self.tangential_damping)
+        said = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
+        if self.why_unknown:
+            said.append(f"the arrival of the pulse is not known: {self.why_unknown}")
+        elif (unsure := self.velocity_error / self.velocity) > _UNSURE:
+            said.append(
+                f"the pulse changes its shape on the way, and its velocity is known to {100.0 * unsure:.0f} % only: use "
+                "more cycles, a longer distance or a lower frequency"
+            )
+        return tuple(said)
 
     @property
     def time_of_flight(self) -> float:
-        """Time of flight by the envelope of the coherent signal, s."""
-        return self.arrival()
+        """Time of flight by the envelope of the coherent signal, s.
+
+        It is nan, and :attr:`warnings` say why, if the record ends before the pulse is over; if an echo may come before the
+        pulse is at its height; if the velocity would be above that of the fastest wave; and if what arrives are other
+        frequencies of the burst than its own, as in a gap.
+        """
+        return self._flight[0]
+
+    @property
+    def why_unknown(self) -> str:
+        """Why the time of flight is nan; empty if it is not."""
+        return self._flight[2]
 
     @property
     def velocity(self) -> float:
-        """Distance over the time of flight by the envelope, m/s."""
+        """Distance over the time of flight by the envelope, m/s; nan where that is none."""
         return self.distance / self.time_of_flight
+
+    @property
+    def velocity_error(self) -> float:
+        """How far the velocity may be from the group velocity at the frequency of the burst, as its shape changes, m/s.
+
+        It is the difference from the velocity by the group delay at that frequency, -d phase / d omega of the signal around
+        the pulse. Where an echo comes soon only a part of the pulse counts, and the error is a lower bound.
+        """
+        return self.velocity * self._flight[1] / self.time_of_flight
 
 
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
@@ -199,10 +292,14 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         values = [getattr(one, name) for one in pulses]
         return np.average([one[..., :count] if name == "planes" else one for one in values], axis=0, weights=weights)
 
-    return replace(
+    mean_pulse = replace(
         first, distance=float(mean("distance")), times=first.times[:count], sent=first.sent[:count],
         sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
         energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
-        velocities=np.zeros(0), warnings=tuple(dict.fromkeys(text for one in pulses for text in one.warnings)),
+        velocities=np.zeros(0), echo=min(one.echo for one in pulses),
+        fastest=np.max([one.fastest for one in pulses], axis=0), warnings=(),
     )  # fmt: skip
+    # what was said of each pulse alone is not true of their mean
+    kept = dict.fromkeys(text for one in pulses for text in one.warnings if text not in one.judge())
+    return replace(mean_pulse, warnings=(*kept, *mean_pulse.judge()))

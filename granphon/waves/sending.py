@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import make_operator
+from granphon.waves.eigenpairs import require_stable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
 from granphon.waves.propagation import Propagation, ToneBurst
@@ -38,13 +39,6 @@ _SURE = 0.45
 _MOST = 2**20
 #: largest number of times at which a pulse is heard
 _MOST_READINGS = 2**24
-#: damping ratio of a wave of the pulse's frequency from which what arrives tells no velocity of sound
-_MOST_DAMPING = 0.3
-_DAMPED = "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has no velocity of sound"
-_ECHO = (
-    "an echo from an end of the array may come before the pulse is at its height, and the time of flight is that of both: "
-    "use a longer array, a shorter distance, a higher frequency or fewer cycles"
-)
 #: the mean contact force being the same, velocities and frequencies of an array of differing balls are those of the array of
 #: equal ones times a number between this and its inverse, generously
 MARGIN = 1.5
@@ -72,7 +66,8 @@ class Sending:
     def of(cls, settings: PulseSettings, network: ContactNetwork, direction: ArrayLike | None = None) -> Self:
         """Take the settings of a scene, with the ``direction``, Cartesian, (p,); None for x.
 
-        Without a distance in the settings the receiving plane is half a period of the network away.
+        Without a distance in the settings the receiving plane is half a period of the network away, and a quarter where ends
+        are periodic.
         """
         periods = sum(network.pbc)
         along = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
@@ -82,7 +77,7 @@ class Sending:
             unit[:periods] = along / np.linalg.norm(along)
             course = Course.along(network, unit)
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
-            distance = 0.5 * course.period
+            distance = (0.25 if settings.ends == "periodic" else 0.5) * course.period
         return cls(
             settings.frequency, along, distance, settings.cycles, settings.polarisation, source=settings.source,
             ends=settings.ends, damping=settings.damping,
@@ -101,7 +96,7 @@ class Route:
     start : place from which distances count, m.
     sources : balls that are pushed.
     groups : balls of the receiving plane, and of each further plane.
-    fastest : velocity of waves in which balls move in proportion, m/s.
+    fastest : (2,) velocity of waves in which balls move in proportion, along ``push``, and in the stiffest direction, m/s.
     times : (n_t,) at which it is heard, s.
     frames : (n_f,) at which the motions of all balls are kept, s.
     """
@@ -112,13 +107,16 @@ class Route:
     start: float
     sources: Index
     groups: list[Index]
-    fastest: float
+    fastest: Array
     times: Array
     frames: Array
 
     @classmethod
-    def of(cls, network: ContactNetwork, wanted: Sending) -> Self:
-        """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for the frequency."""
+    def of(cls, network: ContactNetwork, wanted: Sending, margin: float = 1.0) -> Self:
+        """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for the frequency.
+
+        Waves may be faster by the factor ``margin`` than those of this network.
+        """
         hertz, length = positive("frequency", wanted.frequency, "Hz"), positive("distance", wanted.distance, "m")
         burst = ToneBurst(hertz, positive("cycles", wanted.cycles))
         if burst.cycles < 1.0:
@@ -141,12 +139,14 @@ class Route:
         groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
         _require_apart(course, sources, groups[0], length)
         _require_joined(course.network, sources, groups[0])
-        fastest = _estimate_velocity(course.network, along, push)
+        fastest = _estimate_velocities(course.network, along, push)
         duration = wanted.duration
         if duration is None:
-            duration = burst.duration + _LATE * farthest / fastest
+            duration = burst.duration + _LATE * farthest / fastest[0]
             if wanted.ends == "periodic":  # what runs the other way round comes later
-                duration = min(duration, (course.period - length) / fastest)
+                away = course.find_distance(start, groups[0])
+                _require_room(course.period, away, fastest[0] / margin, burst)
+                duration = min(duration, (course.period - away) / fastest[0])
         step = 1.0 / (READINGS * hertz)
         count = max(3, math.floor(positive("duration", duration, "s") / step) + 1)
         if count > _MOST_READINGS:
@@ -174,16 +174,8 @@ def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
     ``network`` is the array of equal balls in the place of one of differing balls that has not been simulated. What depends
     on the forces of contacts is refused only where it is beyond doubt.
     """
-    route = Route.of(network, wanted)
-    burst, end = route.burst, float(route.times[-1])
-    if MARGIN * end < 0.5 * burst.duration:
-        raise InputError(
-            message(
-                f"a record of {end:.3g} s ends before the burst of {burst.duration:.3g} s has reached its height",
-                "It ends before the pulse that runs the other way round comes",
-                "Use a longer array, fewer cycles, a higher frequency, or ends: free",
-            )
-        )
+    route = Route.of(network, wanted, MARGIN)
+    burst = route.burst
     operator = make_operator(route.course.network)
     limit = MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
@@ -194,7 +186,7 @@ def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
 def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | None = None) -> Pulse:
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
 
-    ``operator`` is that of the network, if it is known.
+    ``operator`` is that of the network, if it is known, and known to be stable.
     """
     tau = not_negative("damping", wanted.damping, "s")
     across = tau if wanted.tangential_damping is None else not_negative("tangential_damping", wanted.tangential_damping, "s")
@@ -202,6 +194,7 @@ def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | 
     course, burst, push, sources, groups = route.course, route.burst, route.push, route.sources, route.groups
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
+        require_stable(operator)
     _require_reachable(operator, burst.frequency)
     _require_short(operator, route.last, 0.0 if across == tau else max(tau, across))
     place = np.full(network.n_balls, -1)
@@ -224,16 +217,14 @@ def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | 
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     far = [course.find_distance(route.start, one) for one in groups]
-    warnings = [_ECHO] if course.find_echo(route.start, groups[0]) < 0.5 * burst.duration * route.fastest else []
-    if math.pi * burst.frequency * max(tau, across) > _MOST_DAMPING:
-        warnings.append(_DAMPED)
-    return Pulse(
+    heard = Pulse(
         burst.frequency, burst.cycles, course.direction, push, tau, across, far[0], route.times, burst(route.times), sources,
         groups[0], np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames,
-        np.array([_spread(operator, one) for one in moving[2:]]),
-        tuple(warnings),
+        np.array([_spread(operator, one) for one in moving[2:]]), echo=course.find_echo(route.start, groups[0]),
+        fastest=route.fastest,
     )  # fmt: skip
+    return replace(heard, warnings=heard.judge())
 
 
 def _spread(operator: WaveOperator, state: Array) -> Array:
@@ -374,15 +365,40 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
         )
 
 
-def _estimate_velocity(network: ContactNetwork, along: Array, push: Array) -> float:
-    """Return the velocity of long waves if balls moved in proportion to them, m/s: those of the network are not faster."""
-    part = (network.normal @ push) ** 2
-    spring = network.normal_stiffness * part + network.shear_stiffness * (1.0 - part)
+def _require_room(period: float, length: float, velocity: float, burst: ToneBurst) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if a periodic network has no room for a burst and its flight.
+
+    The pulse that runs the other way round is to come only when the one that is heard is over.
+    """
+    needed = 2.0 * length + velocity * burst.duration
+    if needed > period:
+        room = period - velocity * burst.duration
+        nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
+        raise InputError(
+            message(
+                f"the record ends at {(period - length) / velocity:.3g} s, before the burst of {burst.duration:.3g} s and "
+                f"the flight of {length / velocity:.3g} s are over",
+                f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m long",
+                f"Use {nearer}an array of {needed:.4g} m along the direction, fewer cycles, a higher frequency, or ends: "
+                "free",
+            )
+        )
+
+
+def _estimate_velocities(network: ContactNetwork, along: Array, push: Array) -> Array:
+    """Return the velocities (2,) of long waves if balls moved in proportion, m/s: along ``push``, and the greatest of all.
+
+    Those of the network are not faster.
+    """
+    axes = list(network.ball_motions.translations)
+    way, n = (network.vector @ along) ** 2, network.normal[:, axes]
+    tensor = np.einsum("c,ci,cj->ij", (network.normal_stiffness - network.shear_stiffness) * way, n, n)
+    tensor += np.eye(len(axes)) * float(np.sum(network.shear_stiffness * way))
     mass = float(np.sum(network.masses[network.moving]))
-    squared = float(np.sum(spring * (network.vector @ along) ** 2)) / mass
-    if not squared > 0.0:
+    own = float(push[axes] @ tensor @ push[axes])
+    if not own > 0.0:
         raise InputError(
             message("no contact resists this polarisation in this direction", "Waves of it cost no energy",
                     "Use friction, or another polarisation")
         )  # fmt: skip
-    return math.sqrt(squared)
+    return np.sqrt(np.array([own, float(np.linalg.eigvalsh(tensor)[-1])]) / mass)

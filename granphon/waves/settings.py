@@ -57,7 +57,7 @@ class PulseSettings:
     Attributes
     ----------
     frequency : Hz.
-    distance : m; None for half the length of the array along the direction.
+    distance : m; None for half the length of the array along the direction, a quarter where ends are periodic.
     cycles : periods of the burst.
     polarisation : "longitudinal", "transverse" or "out_of_plane".
     source : "plane" or "ball".

@@ -171,8 +171,8 @@ class Waves:
         tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Modes then
             exchange energy, and the propagation takes several times as long.
         duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
-            proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way. With
-            a longer duration the signal is right too, but it is not of one pulse.
+            proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way, and
+            must hold the burst and its flight. With another duration the signals are right too, but may not be of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
         frames : (n_f,) times at which the velocities of all balls are kept, s.
 
@@ -181,11 +181,13 @@ class Waves:
         InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
             ends, before the distance); there are no balls there, or they are those of the source, or no contacts join them
             with it; nothing resists the polarisation; a number out of range; a record that takes more than 2^20 products
-            with D.
+            with D, or that the other way round a periodic network ends before the burst and its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
-        InstabilityError : the prestress makes a squared frequency negative.
+        InstabilityError : the prestress makes a squared frequency negative, in the network with its ends.
+
+        Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
-        return transmit(self.network, wanted, self.operator if wanted.ends == "periodic" else None)
+        return transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
 
 
 def _find_network(source: Any) -> ContactNetwork:
