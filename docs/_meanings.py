@@ -271,6 +271,8 @@ MEASURED = {
     "force": "the load, in a column with the name of its kind",
     "observed": "the quantity whose error is given",
     "error": "relative error against the reference of the study",
+    "error_stderr": "standard error of `error` where it is an rms over random samples, else 0",
+    "draws": "number of runs that the error is of",
     "reference_error": "relative error of the reference, as far as it is known",
     "resolved": "whether the reference is at least a hundred times better",
     "seconds": "median time of the warm runs",

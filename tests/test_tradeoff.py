@@ -290,6 +290,54 @@ def test_the_time_of_finished_studies_counts_for_the_budget(clock, tmp_path):
     assert_allclose(again[1].until - begun, 100.0 - (7 * 1.0 + 0.09 * (1 + 2 + 3 + 4 + 5)), atol=1e-3)
 
 
+class RandomStudy(FakeStudy):
+    """Its points draw random outcomes, whose true values are zero."""
+
+    def _point(self, method, knob, seconds, error):
+        def solve(run):
+            self.clock.work(seconds)
+            self.solved.append((knob, run))
+            return error * np.random.default_rng(run).normal(size=2)
+
+        return Point(method, knob, lambda run: run, solve, random=True)
+
+    def compute_errors(self, outcomes, reference):
+        return np.sqrt(np.mean(np.square(outcomes), axis=0))[:, None]
+
+
+def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
+    """In half of the time that the timed runs leave: a hundred times at most, each with numbers of its own."""
+    study = RandomStudy(clock, [("m", "cheap", 0.01, 0.1), ("m", "dear", 2.0, 0.01)])
+    cheap, dear = measure(study, budget=100.0).points
+    assert [run for knob, run in study.solved if knob == "cheap"] == [*range(6), 0, *range(6, 101)]
+    # two fifths of the budget, less the timed runs, and half of that
+    assert dear.draws == 5 + int((0.5 * (40.0 - 7 * 2.01) - 0.95 - 1.0) / 2.0)
+    assert cheap.draws == 100
+    for point, scale in ((cheap, 0.1), (dear, 0.01)):
+        drawn = scale * np.array([np.random.default_rng(run).normal(size=2) for run in range(1, point.draws + 1)])
+        assert_allclose(point.errors[:, 0], np.sqrt(np.mean(drawn**2, axis=0)), rtol=1e-12)
+        # of the mean square s^2 the error is sqrt(2/n) s^2 in normal numbers, of its root half as much
+        assert_allclose(point.stderrs[:, 0], point.errors[:, 0] / np.sqrt(2.0 * point.draws), rtol=0.8)
+        twin = [np.sqrt(np.mean(np.delete(drawn, i, axis=0) ** 2, axis=0)) for i in range(point.draws)]
+        assert_allclose(point.stderrs[:, 0], np.std(twin, axis=0) * np.sqrt(point.draws - 1), rtol=0.2)  # the jackknife
+        assert point.stderr == point.stderrs.flat[np.argmax(point.errors)]
+    (one,) = measure(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
+    assert (one.draws, one.stderr) == (5, 0.0)
+
+
+def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, reference):
+    """Five runs of 8 x 8 balls told 2.6e-2 of what is 6.6e-2, without a word of how well that is known."""
+    small = point_of(found, "media", "simulation, 1 sample", "8 x 8")
+    assert small.draws == 100
+    states = (observe(gp.DirectSimulation(rough, (8, 8), seed).at_force(np.array(FORCES))) for seed in range(5000, 5100))
+    squares = np.array([(state / reference.values - 1.0) ** 2 for state in states])
+    errors = np.sqrt(np.mean(squares, axis=0))
+    own = np.std(squares, axis=0) / 10.0 / (2.0 * errors)
+    known = np.hypot(np.hypot(small.stderrs, own), np.hypot(small.reference_errors, reference.errors))
+    assert np.all(np.abs(small.errors - errors) < 4.0 * known)
+    assert np.all(small.stderrs < 0.25 * small.errors)
+
+
 def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
     study = FakeStudy(clock, [("m", "a", 1.0, 1e-2)])
     (point,) = measure(study, budget=1e3, runs=5).points

@@ -188,7 +188,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     """Lines of the tables of a trade-off, one table for each study, of balls on a lattice of 1, 2 or 3 ``periods``."""
-    heads = ("method", "knob", "error", "time", "+/-", "set-up", "memory", "floor", "")
+    heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
     runs = _count(result.runs, "warm run", "warm runs")
     lines = [f"errors at {_count(len(result.loads), 'load', 'loads')}, {loads}; {runs} each"]
@@ -206,12 +206,14 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
 
 def _write_point(point: MeasuredPoint) -> tuple[str, ...]:
     if point.failure and not point.seconds:
-        return point.method, point.knob, *[""] * 6, point.failure
+        return point.method, point.knob, *[""] * 8, point.failure
     times = (write_quantity(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
     return (
         point.method,
         point.knob,
         f"{point.error:.2e}" if point.errors.size else "?",
+        f"{point.stderr:.0e}" if point.stderr else "",
+        str(point.draws),
         *times,
         write_quantity(point.memory, "B"),
         f"{point.floor:.0e}",

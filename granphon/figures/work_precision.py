@@ -51,7 +51,8 @@ _COLUMNS = 2
 def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     """Draw error against time of the points of a study, on logarithmic axes.
 
-    Markers are open where the reference is not a hundred times better. Bars are the spread of times. The floor is the
+    Markers are open where the reference is not a hundred times better. Bars are the spread of times, and the standard
+    errors of the errors of random samples. The floor is the
     condition number times rounding; the scatter of random samples is in their errors instead. Points without an error,
     because there is no reference or no difference from it, are marks at the bottom. Points that were not run are counted
     above the axes, by method. Raises :class:`~granphon.base.errors.InputError` for a study that is not there.
@@ -70,7 +71,16 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
             x, y = [p.seconds for p in drawn], [p.error for p in drawn]
             spread = [_limit_bar(p) for p in drawn]
             line = ax.errorbar(
-                x, y, xerr=spread, color=colour, marker=marker, ms=_MARKER, lw=0.9, elinewidth=0.6, label=label
+                x,
+                y,
+                [min(p.stderr, 0.9 * p.error) for p in drawn],
+                spread,
+                color=colour,
+                marker=marker,
+                ms=_MARKER,
+                lw=0.9,
+                elinewidth=0.6,
+                label=label,
             )
             line[0].set_zorder(2.5)
             label = "_"

@@ -13,7 +13,7 @@ import statistics
 import tracemalloc
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -47,6 +47,10 @@ BETTER = 100.0
 LEAST_RUNS = 5
 #: time of the runs that are not timed, in runs: one warms up, and one is slower because its memory is watched
 _MORE_RUNS = 4.0
+#: largest number of runs from which the rms error of a random point is found
+_MOST_DRAWS = 100
+#: how much longer than the median a run may take
+_MARGIN = 1.5
 #: quantities whose errors can be measured, in the words of a scene
 _OBSERVED = ("velocities", "bands", "dos")
 #: part of the time of a study that its points may take
@@ -72,11 +76,14 @@ class MeasuredPoint(Result):
     floor : least relative error possible: condition number times rounding, or the scatter of runs if they are ``random``.
     random : whether every run draws other random numbers.
     failure : why the point was not run, or has no errors for want of a reference; otherwise empty.
+    stderrs : standard errors of ``errors``, which are rms over runs if these are ``random``, (n_loads, n_observed); else 0.
+    draws : number of runs that the errors are of.
     """
 
     written_as = "Measured"
     units: ClassVar[dict[str, str]] = {
-        "errors": "1", "reference_errors": "1", "floor": "1", "seconds": "s", "spread": "s", "setup": "s", "memory": "B",
+        "errors": "1", "reference_errors": "1", "stderrs": "1", "floor": "1", "seconds": "s", "spread": "s", "setup": "s",
+        "memory": "B",
     }  # fmt: skip
 
     study: str
@@ -91,6 +98,8 @@ class MeasuredPoint(Result):
     floor: float = 0.0
     random: bool = False
     failure: str = ""
+    stderrs: Array = field(default_factory=lambda: np.zeros(0))
+    draws: int = 0
 
     @property
     def ran(self) -> bool:
@@ -106,6 +115,11 @@ class MeasuredPoint(Result):
     def error(self) -> float:
         """The largest of the errors, a relative error."""
         return float(np.max(self.errors, initial=0.0))
+
+    @property
+    def stderr(self) -> float:
+        """Standard error of :attr:`error`: of the rms over random runs; 0 if they are not random."""
+        return float(self.stderrs.flat[int(np.argmax(self.errors))]) if self.stderrs.size else 0.0
 
     @property
     def reference_error(self) -> float:
@@ -170,22 +184,24 @@ class TradeOff(Result):
         A point without errors has one row, with the reason.
         """
         headings = (
-            "study", "method", "knob", self.kind, "observed", "error (1)", "reference_error (1)", "resolved", "seconds (s)",
-            "spread (s)", "setup (s)", "memory (B)", "floor (1)", "failure",
+            "study", "method", "knob", self.kind, "observed", "error (1)", "error_stderr (1)", "draws",
+            "reference_error (1)", "resolved", "seconds (s)", "spread (s)", "setup (s)", "memory (B)", "floor (1)",
+            "failure",
         )  # fmt: skip
         rows: list[list[Any]] = []
         for point in self.points:
             cost = [point.seconds, point.spread, point.setup, point.memory, point.floor, ""]
             head = [point.study, point.method, point.knob]
             if point.failure:
-                rows.append([*head, *[""] * 5, *(cost[:-1] if point.ran else [""] * 5), point.failure])
+                rows.append([*head, *[""] * 7, *(cost[:-1] if point.ran else [""] * 5), point.failure])
                 continue
             # the density of states is measured at the greatest of the loads only
             loads = self.loads[-len(point.errors) :]
-            for load, errors, known in zip(loads, point.errors, point.reference_errors, strict=True):
-                for name, error, limit in zip(self.observed[point.study], errors, known, strict=True):
+            for load, *found in zip(loads, point.errors, point.stderrs, point.reference_errors, strict=True):
+                for name, error, stderr, limit in zip(self.observed[point.study], *found, strict=True):
                     resolved = bool(error >= BETTER * limit)
-                    rows.append([*head, load, name, float(error), float(limit), resolved, *cost])
+                    own = [float(error), float(stderr), point.draws, float(limit), resolved]
+                    rows.append([*head, load, name, *own, *cost])
         return table_text(headings, rows)
 
 
@@ -378,6 +394,7 @@ def _carry_out_one(
             except GranphonError as error:
                 failures[point] = str(error)
             step.advance()
+        _draw_more(done, halfway)
 
     def better(reference: Reference) -> bool:
         """Return whether the reference is good enough for every point."""
@@ -401,21 +418,36 @@ def _carry_out_one(
             why = failures.get(point, problem)
             measured.append(MeasuredPoint(study.name, point.method, point.knob, nothing, nothing, failure=why))
             continue
-        errors, known_errors, floor = nothing, nothing, 0.0
+        errors, known_errors, stderrs, floor = nothing, nothing, nothing, 0.0
         if reference is not None:
             errors, floor = study.compute_errors(one.outcomes, reference), study.find_floor(point, one.outcomes)
             known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
+            stderrs = np.zeros_like(errors)
+            if point.random:
+                squares = np.array([study.compute_errors([outcome], reference) ** 2 for outcome in one.outcomes])
+                stderrs = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
         low, middle, high = statistics.quantiles(one.seconds, n=4)
         measured.append(MeasuredPoint(
             study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
             statistics.median(one.setups), one.memory, floor, point.random,
-            "" if reference is not None else problem,
+            "" if reference is not None else problem, stderrs, len(one.outcomes),
         ))  # fmt: skip
     return measured
 
 
 class _BudgetError(GranphonError):
     """The time left is too short to run a point."""
+
+
+def _draw_more(done: Sequence[_Runs], deadline: Deadline) -> None:
+    """Run random points more often, untimed, in half of the time to the deadline: few runs do not tell their rms error."""
+    now, random = deadline.stopwatch.now, [one for one in done if one.point.random]
+    until = now() + 0.5 * deadline.left
+    for place, one in enumerate(random):
+        long = statistics.median(one.seconds) + statistics.median(one.setups)
+        end = now() + (until - now()) / (len(random) - place)
+        while len(one.outcomes) < _MOST_DRAWS and now() + _MARGIN * long < end:
+            one.outcomes.append(one.point.solve(one.point.prepare(len(one.outcomes) + 1)))
 
 
 def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:
