@@ -29,6 +29,8 @@ from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.dynamics.long_waves import voigt_pairs
+from granphon.media.simulation import SampleLaw, SimulatedState
+from granphon.observables.catalogue import CATALOGUE
 from granphon.observables.validity import estimate_shear_deficit
 
 ETA = 0.82
@@ -663,6 +665,22 @@ def test_the_check_is_of_the_geometry_of_the_lattice(steel):
     expected = estimate_shear_deficit(found[0].contact_fraction, STEEL_WIDTH, 2)
     assert of_lattice["shear"].value == pytest.approx(expected, rel=1e-12)
     assert "shear" not in [check.name for check in of_truth.checks]
+
+
+def test_the_contact_fraction_leaves_out_the_least_forces(steel):
+    """Of loose balls, which only the exact geometry has; the documentation says so wherever the number is explained."""
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    found = {}
+    for geometry in ("lattice", "exact"):
+        (sample,) = gp.DirectSimulation(packing, (16, 16), geometry=geometry).at_overlap(-0.1 * 2.04e-6).samples
+        assert sample.contact_fraction() == sample.contact_fraction(1e-6)
+        found[geometry] = [sample.contact_fraction(threshold) for threshold in (0.0, 1e-6, 1e-3)]
+    assert found["lattice"][0] - found["lattice"][2] < 0.01
+    assert found["exact"][0] - found["exact"][2] > 0.05
+    assert found["exact"][0] > found["exact"][1] > found["lattice"][1]
+    assert "1e-6 of the mean force" in CATALOGUE["contact_fraction"].meaning
+    for said in (gp.ContactState.contact_fraction, SimulatedState.contact_fraction, SampleLaw.contact_fraction):
+        assert "1e-6 of the mean force" in " ".join(said.__doc__.split())
 
 
 @pytest.mark.claim("friction-truth")

@@ -155,7 +155,7 @@ class Sample(Result):
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
     def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
-        """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the mean force."""
+        """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the mean force (1e-6)."""
         return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
 
     def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:

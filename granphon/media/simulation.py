@@ -101,7 +101,7 @@ class SampleLaw:
         return self._average_at(overlap, lambda sample: sample.force_fluctuation)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that carry load."""
+        """Return the fraction of contacts that carry more than 1e-6 of the mean force."""
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:

@@ -226,7 +226,8 @@ class ContactState(Result):
     def contact_fraction(self) -> Values:
         """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the triangular lattice).
 
-        It is 1 for equal balls, and on a line.
+        It is 1 for equal balls, and on a line. In a simulation, and in the cluster medium, contacts that carry less than
+        1e-6 of the mean force do not count.
         """
         return _unwrap_scalars(self.law.contact_fraction(self.overlap))
 

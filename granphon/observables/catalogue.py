@@ -241,7 +241,10 @@ _OBSERVABLES = (
         "force_fluctuation", "rms over balls of the mean force of a ball's contacts, over the mean",
         label="Force fluctuation Δf/f",
     ),
-    _make_state_entry("contact_fraction", "fraction of contacts that carry load", label="Fraction of contacts"),
+    _make_state_entry(
+        "contact_fraction", "fraction of contacts that carry load, in a simulation more than 1e-6 of the mean force",
+        label="Fraction of contacts",
+    ),
     _make_state_entry(
         "stiffness_ratio", "normal stiffness over that of the ideal lattice at the same force",
         label="k over the ideal lattice's",
