@@ -1,4 +1,4 @@
-"""How the page of the interface reads docstrings and types.
+"""How the pages of the interface read docstrings and types.
 
 Sections of a docstring become lists of entries, ``name : what it is``. An entry that names a field of a class becomes an
 attribute of it, with its type, which can be linked and searched for.

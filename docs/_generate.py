@@ -68,7 +68,10 @@ from granphon.sweeps.archive import load_sweep
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
 HERE = Path(__file__).parent
-PAGES = [HERE / "development.md", *(HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files"))]
+PAGES = [
+    HERE / "development.md",
+    *(HERE / "reference" / f"{name}.md" for name in ("api", "api/results", "scene", "commands", "files")),
+]
 _REGION = re.compile(r"(<!-- (\w+): python docs/_generate\.py -->\n).*?(<!-- end -->)", re.DOTALL)
 _UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, FREQUENCY, TIME, *LOADS.values())}
 #: what the fields of all files mean, and their units
@@ -150,9 +153,34 @@ def known(attempt: Callable[[], Any]) -> list[str]:
 # -- the interface --------------------------------------------------------------------------------------------------
 
 
+def interface_pages() -> list[Path]:
+    """The pages of the interface, in their order."""
+    index = HERE / "reference" / "api.md"
+    return [
+        index.parent / f"{name}.md" for name in re.findall(r"^api/\w+$", index.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+
+
+def interface() -> str:
+    """The names on each page of the interface, with their links."""
+    rows = []
+    for page in interface_pages():
+        text = page.read_text(encoding="utf-8")
+        names = re.findall(r"^\.\. auto(class|function|exception|module):: (\S+)$", text, re.MULTILINE)
+        title = text.partition("\n")[0].removeprefix("# ")
+        rows.append(
+            [
+                f"[{title}](api/{page.name})",
+                ", ".join(f"{{py:obj}}`{'~' * (kind != 'module')}{name}`" for kind, name in names),
+            ]
+        )
+    return table(("page", "names"), rows)
+
+
 def result_units() -> str:
-    """The unit of each field of the results that the page of the interface has."""
-    documented = re.findall(r"autoclass:: (\S+)\.(\w+)", (HERE / "reference" / "api.md").read_text(encoding="utf-8"))
+    """The unit of each field of the results that the pages of the interface have."""
+    text = "\n".join(page.read_text(encoding="utf-8") for page in interface_pages())
+    documented = re.findall(r"autoclass:: (\S+)\.(\w+)", text)
     rows = []
     for module, name in documented:
         one = getattr(import_module(module), name)
@@ -542,7 +570,7 @@ def rooms() -> str:
 
 #: tables made of the code alone, and those made of files that small scenes write
 PLAIN = (
-    rooms, result_units, scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
+    rooms, interface, result_units, scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
 )  # fmt: skip
 READ = (
     summary, sweep_fields, sweep_attributes, band_fields, phonopy_fields, dos_fields, sample_fields, fit_fields,

@@ -432,6 +432,13 @@ def reference(name: str) -> str:
     return (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
 
 
+def interface_text() -> str:
+    """The pages of the interface, one after the other."""
+    import _generate
+
+    return "\n".join(page.read_text(encoding="utf-8") for page in _generate.interface_pages())
+
+
 def rows(text: str, *heads: str) -> list[list[str]]:
     """The cells of the one table with these heads."""
     (found,) = re.findall(rf"^\| {re.escape(' | '.join(heads))} \|\n\|[-|]+\|\n((?:\|.*\n)+)", text, re.MULTILINE)
@@ -459,8 +466,9 @@ def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
         assert _generate.filled(text, made) == text, f"{page.name} is out of date: run python docs/_generate.py"
 
 
-def test_every_public_name_is_in_the_page_of_the_interface():
-    listed = re.findall(r"^\.\. auto(?:class|function|exception):: granphon\.(\w+)$", reference("api"), re.MULTILINE)
+def test_every_public_name_is_on_a_page_of_the_interface(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: granphon\.(\w+)$", interface_text(), re.MULTILINE)
     assert sorted(listed) == sorted(set(gp.__all__) - {"__version__"})
 
 
@@ -518,7 +526,7 @@ def test_every_quantity_of_a_result_is_in_the_page_of_files():
         assert row.rstrip(" |").count("|") >= 2, row  # none without a meaning
 
 
-# -- the page of the interface --------------------------------------------------------------------------------------
+# -- the pages of the interface -------------------------------------------------------------------------------------
 
 
 def sections(text: str) -> dict[str, list[str]]:
@@ -573,7 +581,7 @@ def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
     ]  # fmt: skip
 
 
-#: what an entry of the page may say of a quantity: its unit, its shape, or that it is a pure number
+#: what an entry of these pages may say of a quantity: its unit, its shape, or that it is a pure number
 _UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|0|1|zero|one|bytes|degrees"
 _PURE = (
     r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|without a unit|"
@@ -584,13 +592,13 @@ _HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
 
 
 def interface() -> Iterator[tuple[str, Any, Any]]:
-    """Names of the page of the interface as autodoc takes them: where, the name itself, and what owns it, or None."""
+    """Names of the pages of the interface as autodoc takes them: where, the name itself, and what owns it, or None."""
     import _docstrings
     import conf
 
     cut = set(conf.autodoc_default_options["inherited-members"].split(", "))
     entry = r"^\.\. auto(?:class|function|exception):: (\S+)\.(\w+)\n((?:   :.*\n)*)"
-    for module, name, options in re.findall(entry, reference("api"), re.MULTILINE):
+    for module, name, options in re.findall(entry, interface_text(), re.MULTILINE):
         one = getattr(import_module(module), name)
         left_out = {word for words in re.findall(r":exclude-members: (.*)", options) for word in words.split(", ")}
         yield name, one, None
@@ -694,8 +702,14 @@ def test_no_warning_of_the_build_is_hidden():
 
 
 def test_every_page_is_in_the_table_of_contents():
-    trees = [text for _, _, text in blocks(DOCS / "index.md", "{toctree}")]
-    listed = [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    trees = [
+        (page.parent, line)
+        for page in (DOCS / "index.md", DOCS / "reference" / "api.md")
+        for _, _, text in blocks(page, "{toctree}")
+        for line in text.splitlines()
+        if line and not line.startswith(":")
+    ]
+    listed = [(folder / line).relative_to(DOCS).as_posix() for folder, line in trees]
     ours = [name_of(page).removesuffix(".md") for page in PAGES[1:] if page != DOCS / "index.md"]
     assert sorted(set(listed) - {"gallery/index"}) == sorted(ours)
     assert len(listed) == len(set(listed))

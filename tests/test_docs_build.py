@@ -69,8 +69,14 @@ def test_the_first_page_links_to_the_repository_that_it_was_built_from(site):
     assert (site / "index.html").read_text(encoding="utf-8").count(f'<a class="reference external" href="{address}">') == 2
 
 
+def interface_pages(site: Path) -> list[str]:
+    """The text of the pages of the interface."""
+    pages = [site / "reference" / "api.html", *sorted((site / "reference" / "api").glob("*.html"))]
+    return [page.read_text(encoding="utf-8") for page in pages]
+
+
 def test_types_of_the_interface_are_links(site):
-    found = list(signatures((site / "reference" / "api.html").read_text(encoding="utf-8")))
+    found = [one for page in interface_pages(site) for one in signatures(page)]
     assert len(found) > 700
     for name, signature in found:
         plain = re.sub(r"'[^']*'|= [\w.]+(?:\([^)]*\))?", "", signature)
@@ -80,7 +86,7 @@ def test_types_of_the_interface_are_links(site):
 
 
 def test_the_interface_has_no_markup_that_was_not_read(site):
-    text = re.sub(r"<[^>]+>", "", (site / "reference" / "api.html").read_text(encoding="utf-8"))
+    text = re.sub(r"<[^>]+>", "", "\n".join(interface_pages(site)))
     assert not re.search(r":\w+:`|``|:raises|:param|Parameters\n---", text)
 
 
@@ -117,21 +123,26 @@ def test_terms_lead_to_their_rows(site):
 
 
 @pytest.mark.skipif(bool(explain_missing()), reason=explain_missing() or "-")
-def test_no_block_is_wider_than_its_column(site):
-    """Nor is any text cut: what does not fit would be behind the edge of the block."""
+def test_pages_fit_the_screen_and_the_patience_of_a_reader(site):
+    """No block of code is cut at its edge, no name in the first column of a table is broken, and no page is endless."""
     pages = [page for page in sorted(site.rglob("*.html")) if not {"_static", "gallery"} & set(page.parts)]
-    measure = """() => [...document.querySelectorAll("article pre")].filter((one) => one.scrollWidth > one.clientWidth)
-        .map((one) => one.textContent)"""
-    seen, wide = 0, {}
+    measure = """() => { const all = (chosen) => [...document.querySelectorAll(`article ${chosen}`)];
+        return { blocks: all("pre").length, names: all("td:first-child code").length,
+          cut: all("pre").filter((one) => one.scrollWidth > one.clientWidth).map((one) => one.textContent),
+          broken: all("td:first-child code").filter((one) => one.getClientRects().length > 1).map((one) => one.textContent),
+          height: document.documentElement.scrollHeight }; }"""
     with open_browser() as browser:
         tab = browser.new_page(viewport={"width": 1440, "height": 900})
+        found = {}
         for page in pages:
-            tab.goto(page.as_uri(), wait_until="domcontentloaded")
-            seen += tab.locator("article pre").count()
-            if cut := tab.evaluate(measure):
-                wide[page.name] = cut
-    assert wide == {}
-    assert seen > 150
+            tab.goto(page.as_uri(), wait_until="load")
+            found[page.relative_to(site).as_posix()] = tab.evaluate(measure)
+    assert {name: one["cut"] for name, one in found.items() if one["cut"]} == {}
+    assert {name: one["broken"] for name, one in found.items() if one["broken"]} == {}
+    # the indices are for searching in them
+    assert {name for name, one in found.items() if one["height"] > 30_000} <= {"genindex.html", "py-modindex.html"}
+    assert sum(one["blocks"] for one in found.values()) > 150
+    assert sum(one["names"] for one in found.values()) > 200
 
 
 @pytest.mark.skipif(bool(explain_missing()), reason=explain_missing() or "-")
