@@ -99,6 +99,7 @@ SCENES = {
     "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
+    "chains": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending: 0.01}\nload: {force: [5 N, 9 N]}",
     "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
     "waves": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
     "medium: {simulation: {shape: 8 20, samples: 2}}\ndirection: [0, 1]\nobserve: [dos, spectrum, pulse]\n"
@@ -412,7 +413,7 @@ def kind(value: Any) -> str:
 #: the scenes of one state, and of many
 ONE, MANY = (
     ("all", "ema", "square", "array", "squeezed", "choice", "cube", "loaded"),
-    ("sweep", "arrays", "choices", "squares", "membranes", "waves", "crystals", "path"),
+    ("sweep", "arrays", "choices", "squares", "chains", "membranes", "waves", "crystals", "path"),
 )
 HEADS = ("field", "unit", "kind", "what it is")
 

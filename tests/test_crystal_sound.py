@@ -866,3 +866,40 @@ def test_data_of_before_there_were_other_lattices_are_read(make):
     for changed in ({"transverse": None}, {"transverse": [[1.0, 2.0]] * 2}, {"longitudinal": None}):
         with pytest.raises(InputError, match="SoundVelocities"):
             SoundVelocities.from_dict({**data, "transverse": [1.0, 2.0]} | changed)
+
+
+# -- the twist wave of a chain ------------------------------------------------------------------------------------------
+
+#: two balls in a cell of a chain
+PAIR = gp.Lattice("pair", ((2.0,),), ((0.0,), (0.5,)))
+
+
+@pytest.mark.parametrize("torsion", [1e-6, 0.02, "mindlin"])
+@pytest.mark.parametrize("lattice", ["chain", PAIR], ids=["chain", "pair"])
+@pytest.mark.parametrize("motions", ["all", "out_of_plane"])
+def test_twist_wave_of_a_chain_is_the_slope_of_its_branch(lattice, torsion, motions):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), D, lattice=lattice, motions=motions, torsion=torsion)
+    state = gp.AveragedLattice(packing).at_force([10.0, 300.0])
+    found = gp.sound_velocities(state)
+    assert found.twist.shape == (2,)
+    assert gp.sound_velocities(state, [[1.0], [-1.0]]).twist.shape == (2, 2)
+    for load, one in enumerate(found.twist):
+        lattice_of, units = contact_lattice(state[load]), state[load].scales
+        modes = lattice_of.modes([[1e-4]])
+        turns = np.abs(modes.eigenvectors[0][lattice_of.motions.rotations.index(0) + len(lattice_of.motions.translations)])
+        branch = int(np.argmax(np.where(modes.frequencies[0] < 0.5, turns, 0.0)))
+        slope = modes.frequencies[0, branch] / 1e-4 * units.velocity
+        assert one == pytest.approx(slope, rel=1e-6)
+    assert SoundVelocities.from_dict(found.to_dict()) == found
+
+
+def test_twist_wave_is_there_where_balls_turn_about_a_chain():
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+
+    packing = gp.Packing(steel, D, lattice="chain", motions="all", torsion=0.0, bending=0.1)
+    assert gp.sound_velocities(gp.AveragedLattice(packing).at_force(10.0)).twist == 0.0
+    assert CATALOGUE["twist"].find(Analysis(gp.AveragedLattice(packing).at_force(10.0))) == 0.0
+    for more in ({"lattice": "chain"}, {"lattice": "chain", "motions": "in_plane", "bending": 0.1}):
+        assert gp.sound_velocities(gp.AveragedLattice(gp.Packing(steel, D, **more)).at_force(10.0)).twist is None
+    plane = gp.Packing(steel, D, motions="all", torsion=0.1)
+    assert gp.sound_velocities(gp.AveragedLattice(plane).at_force(10.0)).twist is None

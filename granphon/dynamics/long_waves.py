@@ -321,6 +321,11 @@ class LongWaves(Compatibility):
         """
         return name_waves(self.motions.translations, self.periods)
 
+    @property
+    def runs_twist(self) -> bool:
+        """Whether balls of a straight chain turn about it, so that a twist runs along it where contacts resist torsion."""
+        return self.periods == 1 and 0 in self.motions.rotations and not np.any(self.contacts.normal[:, 1:])
+
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
         """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in the plane.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import MINDLIN, Packing
+from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 
 if TYPE_CHECKING:
@@ -136,6 +137,12 @@ def lattice_waves(state: ContactState, direction: ArrayLike) -> tuple[Array, Arr
     velocities = _add_axes(scale, direction) * found[..., 0, :]
     shape = (*velocities.shape, velocities.shape[-1])
     return velocities, np.broadcast_to(found[..., 1:, :], shape)
+
+
+def lattice_twist(state: ContactState) -> Array:
+    """Return the velocity of the twist wave of a straight chain, at each load, m/s."""
+    # the distance of balls over their radius of gyration; with finite overlap such a chain buckles
+    return np.asarray(np.sqrt(np.asarray(state.torsion_stiffness) / state.packing.mass) / GYRATION)
 
 
 def _at_each_load(state: ContactState, find: Callable[[ContactLattice, Array | None], Array]) -> Array:

@@ -27,6 +27,7 @@ from granphon.media.acoustics import (
     find_overlap_of_equal_balls,
     lattice_scales,
     lattice_tensor,
+    lattice_twist,
     lattice_waves,
     lattice_without_overlap,
 )
@@ -388,6 +389,14 @@ class ContactState(Result):
         These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
         """
         return lattice_waves(self, direction)
+
+    @property
+    def twist_velocity(self) -> Values | None:
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not.
+
+        It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I of a ball.
+        """
+        return lattice_twist(self) if lattice_without_overlap(self).runs_twist else None
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None of fewer than two."""

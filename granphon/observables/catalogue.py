@@ -275,6 +275,10 @@ _OBSERVABLES = (
     _make_velocity_entry("transverse_slow", "slow transverse sound velocity", label="Slow transverse velocity", told=True),
     _make_velocity_entry("transverse_fast", "fast transverse sound velocity", label="Fast transverse velocity", told=True),
     _make_velocity_entry("out_of_plane", "sound velocity across the plane of the balls, 0 of a flexural wave"),
+    _make_velocity_entry(
+        "twist", "velocity of the twist wave of a chain", label="Twist velocity", told=True,
+        meaning="velocity of the wave in which the balls of a chain turn about it",
+    ),
     _make_modulus_entry("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
     _make_modulus_entry("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
     Observable(

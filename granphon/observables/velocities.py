@@ -71,17 +71,20 @@ class SoundVelocities(Result):
         than two samples.
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero, because it is a flexural wave.
     velocities : (..., n) of all these waves, ascending.
+    twist : velocity of the wave in which the balls of a straight chain turn about it; zero without torsion, None if they do
+        not turn. It displaces nothing, and is not among ``velocities``.
     polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
     """
 
-    added = ("out_of_plane", "velocities", "polarisations")
+    added = ("out_of_plane", "velocities", "polarisations", "twist")
     units = {
         "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
-        "out_of_plane": "m/s", "velocities": "m/s",
+        "out_of_plane": "m/s", "velocities": "m/s", "twist": "m/s",
     }  # fmt: skip
     shapes = {
         "longitudinal": "...?", "transverse": "...|... 2?", "direction": "p|n p", "longitudinal_error": "...?",
         "transverse_error": "...|... 2?", "out_of_plane": "...?", "velocities": "... u?", "polarisations": "... u u?",
+        "twist": "...?",
     }  # fmt: skip
 
     longitudinal: Any
@@ -93,6 +96,7 @@ class SoundVelocities(Result):
     out_of_plane: Any = None
     velocities: Any = None
     polarisations: Any = None
+    twist: Any = None
 
     def check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of ``velocities``."""
@@ -169,6 +173,9 @@ def sound_velocities(
     if "transverse_slow" in names:
         first = names.index("transverse_slow")
         named["transverse"] = v[..., first : first + 2]
+    twist = state.twist_velocity
+    if twist is not None and along.ndim > 1:
+        twist = np.repeat(np.asarray(twist)[..., None], len(along), axis=-1)
     errors: dict[str, Any] = {}
     if (found := state.wave_errors(along)) is not None:
         errors = {name: found[..., place] for place, name in enumerate(names)}
@@ -180,6 +187,7 @@ def sound_velocities(
         longitudinal_error=errors.get("longitudinal"), transverse_error=errors.get("transverse"),
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
+        twist=twist,
     )  # fmt: skip
 
 

@@ -63,9 +63,9 @@ _ABOVE_ZERO = {
 _ZERO_OR_ABOVE = {
     "shear_stiffness", "reduced_force", "force_fluctuation", "contact_fraction", "contact_force_fluctuation", "width",
     "expected_error", "frequencies", "line_frequency", "line_width", "mean_free_path", "attenuation", "dos_total",
-    "transverse", "transverse_slow", "transverse_fast", "torsion", "bending",
+    "transverse", "transverse_slow", "transverse_fast", "twist", "torsion", "bending",
 }  # fmt: skip
-_VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast"}
+_VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
 #: variables that are nan where a warning says that they are not known
