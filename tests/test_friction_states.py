@@ -341,6 +341,18 @@ def test_where_no_contact_has_slid_the_stiffness_is_the_slope_of_the_path():
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)
 
 
+def test_on_a_way_down_the_slope_of_the_path_is_not_the_stiffness():
+    """T falls with k where a contact is unloaded, in first order of the step."""
+    slopes = {}
+    for way in (1.0, -1.0):
+        for size in (2e-3, 1e-3):
+            states = simulation(math.inf).path(overlap=np.array([0.4, 0.4 + way * size]) * W)
+            slopes[way, size] = np.diff(states.force)[0] / (way * size * W) / states.normal_stiffness[0] - 1.0
+    up, down = (2.0 * slopes[way, 1e-3] - slopes[way, 2e-3] for way in (1.0, -1.0))
+    assert abs(up) < 1e-5
+    assert 1e-3 < down < 1e-2
+
+
 def test_bulk_modulus_is_the_stiffness():
     state = cycle()
     np.testing.assert_allclose(gp.moduli(state).bulk, math.sqrt(3.0) / 2.0 * state.normal_stiffness / PACKING.diameter)

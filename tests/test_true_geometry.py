@@ -784,18 +784,6 @@ def test_steps_of_a_path_are_those_of_loops_over_positions():
     assert seen > 0.0
 
 
-@pytest.mark.parametrize("mu", [0.2, pytest.param(math.inf, marks=pytest.mark.exhaustive)])
-def test_work_of_the_load_is_stored_or_lost_to_third_order(mu):
-    left = []
-    for steps in (3, 6):
-        paths = history((5, 5), mu, 0.05, start=at_rest((5, 5), 1, 0.0, 0.05))
-        begun = paths.begin()
-        *_, last = paths.path(ramp(0.0, 0.5, steps=steps))
-        left.append(last.work - last.dissipated - (last.stored - begun.stored))
-        assert last.dissipated > 0.0
-    assert left[0] / left[1] == pytest.approx(8.0, rel=0.2)
-
-
 @pytest.mark.parametrize("mu", [0.2, math.inf])
 def test_paths_tend_to_those_of_the_lattice(mu):
     """In proportion to W/d, from a beginning at which contacts hold every ball from more than two sides."""

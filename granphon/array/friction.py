@@ -27,6 +27,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.losses import lose_falling, lose_rising
+
 __all__ = ["LEAST_CONTACT", "SLIDES", "Contacts", "FrictionLaw", "Tangent"]
 
 Array = NDArray[np.float64]
@@ -260,19 +262,19 @@ class FrictionLaw:
         return float(np.mean(0.4 * contacts.forces * contacts.closed + shear))
 
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
-        """Return the mean energies that a contact loses in a step, by sliding and by the law, to second order."""
-        eta, mu = self.mindlin_ratio, self.friction_coefficient
-        old, new = before.roots, after.roots
-        slid = 0.0
-        if mu < math.inf:
-            shears = np.empty(after.shears.shape)
-            springs = self._bend(before, after.overlaps, new, after.slips, shears)
-            slip = np.divide(_norm(shears - after.shears), springs, out=np.zeros_like(new), where=springs > 0.0)
-            slid = float(np.mean(0.5 * mu * (before.forces + after.forces) * slip))
-        first, last = self._bent(before), self._bent(after)
-        if mu == math.inf:  # T falls as k until the contact opens
-            last = np.where(new > 0.0, last, first)
-        return slid, float(np.mean(0.375 * eta * (first**2 + last**2) * np.abs(new - old)))
+        """Return the mean energies that a contact loses in a step, by sliding and by the law, along its straight line."""
+        slid = loosened = 0.0
+        change, rises = after.overlaps - before.overlaps, after.roots > before.roots
+        for lose, chosen in ((lose_rising, rises), (lose_falling, ~rises & (before.roots > 0.0))):
+            at = np.flatnonzero(chosen)
+            old, new = before.roots.take(at), after.roots.take(at)
+            bent, then, now = (one.reshape(len(one), -1)[:, at] for one in (before.bent, before.slips, after.slips))
+            # a contact that closes or opens in the step: only the part of the step in which it is closed counts
+            turns = (old == 0.0) | (new == 0.0)
+            part = np.divide(new**2 - old**2, change.take(at), out=np.ones_like(old), where=turns)
+            one, other = lose(old, new, bent, part * (now - then), self.mindlin_ratio, self.friction_coefficient)
+            slid, loosened = slid + float(np.sum(one)), loosened + float(np.sum(other))
+        return slid / change.size, loosened / change.size
 
     def _bent(self, contacts: Contacts) -> Array:
         """Return the elastic slips |T|/(eta k), zero where balls are apart."""

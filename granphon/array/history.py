@@ -11,8 +11,9 @@ where C_n and C_s are the rows of C for elongations and slips. Newton's method (
 from the polynomial in the load through the last states, three at most. Where it fails, dashpots slow the balls down
 (:mod:`granphon.array.dashpots`); where they too find no balance, the step is taken in two halves.
 
-The work of the load is the integral of f* dy for each contact; in the limit of short steps it is what the contacts store and
-lose. Between two states f* is taken from the parabola through them and the one before.
+The work of the load is what the contacts store and lose. So it is the integral of f* dy for each contact, in the limit of
+short steps; where dashpots act, it is found as that, and they take the rest. Between two states f* is then taken from the
+parabola through them and the one before.
 """
 
 from __future__ import annotations
@@ -64,6 +65,10 @@ _SAME_LOAD = 1e-12
 _MOST_HALVINGS = 12
 #: number of halvings below which limits of sliding are not looked for again, as they were in the whole step: it takes long
 _LAG_HALVINGS = 6
+#: errors that are allowed of what is lost, over the tolerance of f*: a fraction of it, and of the work of the load
+_OF_LOSS, _OF_WORK = 100.0, 0.1
+#: number of halvings after which they no longer are a reason to halve a step
+_LOSS_HALVINGS = 6
 #: number of steps without a balance after which a load is given up
 _MOST_FAILED = 40
 #: number of steps to one load
@@ -192,11 +197,16 @@ class LoadingHistory:
                 # nothing tells yet how the path bends: two halves do
                 found = [self.step(trail, middle)]
             found.append(self.step([*trail, *found], load))
-            change = self._compare([*trail, *found], len(found), load) / found[-1].force
+            change, bent = self._compare([*trail, *found], len(found), load)
+            change /= found[-1].force
             # where a ball falls, the shortest step keeps a change that is none of the step's
             falls = halvings == _MOST_HALVINGS and kept + change <= self.tolerance
             # balance to a finite residual leaves f* uncertain
-            if falls or change <= max(allowed, _NOISE * BALANCE_TOLERANCE):
+            if falls or (
+                change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
+                and (halvings >= _LOSS_HALVINGS or self._loses_little(trail[-1], found[-1], bent))
+            ):
+                found = _correct_losses(found, bent)
                 yield from found
                 trail, taken, kept = [*trail, *found][-3:], taken + len(found), kept + change * falls
             elif halvings == _MOST_HALVINGS:
@@ -208,15 +218,17 @@ class LoadingHistory:
                 allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
-    def _compare(self, trail: Sequence[PressedArray], steps: int, load: Prescribed) -> float:
-        """Return by how much f* would change if each of the last one or two ``steps`` were halved; an estimate.
+    def _compare(
+        self, trail: Sequence[PressedArray], steps: int, load: Prescribed
+    ) -> tuple[float, list[tuple[float, float]]]:
+        """Return by how much f*, and the two losses of each step, would change if the last ``steps`` were halved; estimates.
 
         The middle of a step is interpolated, and the law of the contacts followed through it. By the theorem of reciprocity
         tangential forces that differ by dT raise f* by the mean of dT over the contacts' slips under dy.
         """
         three = trail[-3:]
-        loads, change = [self.measure(one, load) for one in three], 0.0
-        for last in (-1, -2)[:steps]:
+        loads, change, bent = [self.measure(one, load) for one in three], 0.0, []
+        for last in range(-steps, 0):
             before, after = three[last - 1].contacts, three[last].contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
             overlaps, slips = (
@@ -229,7 +241,19 @@ class LoadingHistory:
             # single contacts that begin to slide or open are not foreseen well: their number is uncertain by its root
             share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
             change += _CAUTION * share / after.overlaps.size / abs(three[last].overlap - three[last - 1].overlap)
-        return change
+            parts = zip(self._law.lost(before, half), self._law.lost(half, again), strict=True)
+            slid, loosened = (first + second for first, second in parts)
+            slid, loosened = (
+                slid - (three[last].slid - three[last - 1].slid),
+                loosened - (three[last].loosened - three[last - 1].loosened),
+            )
+            bent.append((slid, loosened))
+        return change, bent
+
+    def _loses_little(self, before: PressedArray, after: PressedArray, bent: Sequence[tuple[float, float]]) -> bool:
+        """Return whether halving the steps between two states changes what is lost by little; see :meth:`_compare`."""
+        lost, work = after.slid + after.loosened - before.slid - before.loosened, abs(after.work - before.work)
+        return sum(abs(slid + loosened) for slid, loosened in bent) <= self.tolerance * (_OF_LOSS * lost + _OF_WORK * work)
 
     def _between(self, here: PressedArray, load: Prescribed) -> Prescribed:
         """Return the load half-way from a state to another load."""
@@ -254,8 +278,7 @@ class LoadingHistory:
             lags = None if falls and 0 < halvings < _LAG_HALVINGS else patience
             trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
             if is_balanced(trial):
-                arrived = self._arrive(trail, trial)
-                trail = [*trail[-2:], _take_rest(here, arrived) if self.drag else arrived]
+                trail = [*trail[-2:], self._damp(trail, trial) if self.drag else self._arrive(here, trial)]
             elif falls and trial.left < math.inf and (at_rest := give_way(self, trail, ahead[-1])) is not None:
                 trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
@@ -282,7 +305,7 @@ class LoadingHistory:
         It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
         """
         trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
-        return _take_rest(trail[-1], self._arrive(trail, trial)) if is_balanced(trial) else None
+        return self._damp(trail, trial) if is_balanced(trial) else None
 
     def _make_step(self, here: PressedArray, load: Prescribed, drag: float) -> LoadStep:
         return LoadStep(self._geometry, self._law, here, self._locate(here), load, self._patches, drag)
@@ -330,22 +353,30 @@ class LoadingHistory:
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
         return balls, float(y)
 
-    def _arrive(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
+    def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
-        here = trail[-1]
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
-            trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
+            trial.overlap, trial.balls, trial.contacts, self._law, trial.left, here.work + slid + loosened, here.slid + slid,
             here.loosened + loosened, here.damped, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
         self._located.append((trial.balls, trial.place))
+        return replace(state, work=state.work + state.stored - here.stored)
+
+    def _damp(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
+        """Return the state after a step in which dashpots take what the load gives and contacts neither store nor lose."""
+        state = self._arrive(trail[-1], trial)
         states = [*trail[-2:], state]
         presses = [self._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
-        work = integrate_last([one.overlap for one in states], presses)
-        return replace(state, work=here.work + work)
+        rest = integrate_last([one.overlap for one in states], presses) - (state.work - trail[-1].work)
+        return replace(state, work=state.work + rest, damped=state.damped + rest)
 
 
-def _take_rest(before: PressedArray, after: PressedArray) -> PressedArray:
-    """Return the state after a step in which dashpots take what the load gives and contacts neither store nor lose."""
-    rest = after.work - before.work - (after.stored - before.stored)
-    return replace(after, damped=before.damped + rest - (after.slid - before.slid) - (after.loosened - before.loosened))
+def _correct_losses(states: Sequence[PressedArray], bent: Sequence[tuple[float, float]]) -> list[PressedArray]:
+    """Return the states with losses that are larger by ``bent`` from each one on."""
+    more, corrected = (0.0, 0.0), []
+    for state, (slid, loosened) in zip(states, bent, strict=True):
+        more = more[0] + slid, more[1] + loosened
+        after = replace(state, slid=state.slid + more[0], loosened=state.loosened + more[1], work=state.work + sum(more))
+        corrected.append(after)
+    return corrected

@@ -291,7 +291,10 @@ class PressedSample(Sample):
 
     @property
     def work(self) -> float:
-        """Work of the load since the start, a mean over contacts, J: the integral of f over the overlap."""
+        """Work of the load since the start, a mean over contacts, J: what the contacts store and lose, and dashpots take.
+
+        In the limit of short steps it is the integral of f over the overlap.
+        """
         return self._units.energy * self.equilibrium.work
 
     @property
@@ -308,7 +311,9 @@ class PressedSample(Sample):
     def normal_stiffness(self) -> float:
         """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
 
-        It is the derivative of f along the path only where no contact slides and none that bears T opens.
+        It is the derivative of f on a way up where no contact slides and none that bears T opens. Where the normal force of
+        a contact falls, T falls in proportion to k, which is no linear response: on a way down the derivative differs by
+        some thousandths.
         """
         return self._average_stiffness(self.elastic_tensor)
 

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from accuracy import packing, shapes, unit
 from numpy.typing import NDArray
+from scipy.integrate import simpson
 from side_by_side import Part, Row, command_line
 from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 
@@ -533,18 +534,18 @@ def widths(repeats: int) -> list[Row]:
 
 
 def energy(repeats: int) -> list[Row]:
-    """Work of the load, less what contacts store and lose, over the work, by the number of steps in which a* goes to 1."""
+    """Integral of f* over the overlap, less what contacts store and lose, over it, by the number of steps to a* = 1."""
     rows, x = [], deviations(0, SMALLER)
     for mu in (0.2, math.inf):
         for steps in (5, 10, 20, 40):
             paths = LoadingHistory(x, Stencils(x.shape, ETA), mu, math.inf)
             spacings = np.linspace(0.5, 1.0, steps + 1)[1:]
-            *_, last = paths.path(Prescribed(overlap=float(a) - 0.5) for a in spacings)
-            left = last.work - last.dissipated - (last.stored - paths.begin().stored)
-            what = f"work that is neither stored nor lost, of the work, {named(mu)}, {steps} steps"
-            rows.append(
-                Row(what, abs(left) / last.work, "", 0.5 / steps**3, note=f"lost: {last.dissipated / last.work:.3g}")
-            )
+            states = [paths.begin(), *paths.path(Prescribed(overlap=float(a) - 0.5) for a in spacings)]
+            last = states[-1]
+            work = simpson([state.force for state in states], x=[state.overlap for state in states])
+            left = work - last.dissipated - (last.stored - states[0].stored)
+            what = f"integral of the force that is neither stored nor lost, of the work, {named(mu)}, {steps} steps"
+            rows.append(Row(what, abs(left) / work, "", 2e-4 / steps, note=f"lost: {last.dissipated / work:.3g}"))
     return rows
 
 
