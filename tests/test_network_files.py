@@ -9,7 +9,7 @@ import packings
 import pytest
 
 import granphon as gp
-from granphon.base.errors import InputError, UnverifiedFileWarning
+from granphon.base.errors import InconsistencyWarning, InputError, UnverifiedFileWarning
 from granphon.waves.operator import WaveOperator
 
 GLASS = packings.MATERIAL
@@ -303,6 +303,28 @@ BAD_DUMPS = {
     "vector": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ \S+ )\S+", r"\g<1>0.1")), {}, "is not where its balls are"),
     "boxes": (spoil((1, r"(BOUNDS.*\n\S+ )\S+", r"\g<1>0.1")), {}, "different boxes"),
     "box": (spoil((0, r"(BOUNDS.*\n)\S+", r"\g<1>wide")), {}, "bounds of the box cannot be read"),
+    "exchanged box": (
+        spoil((0, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2"), (1, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2")), {},
+        r"atoms.dump:\d+: the box has the length -0\.\d+ along x. Its lower bound must be below",
+    ),
+    "flat box": (
+        spoil((0, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2"), (1, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2")), {},
+        r"atoms.dump:\d+: the box has the length 0 along y",
+    ),
+    "many digits": (
+        spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\g<1>" + "9" * 5000)), {}, "found '999.*, where a whole number of at most 19"
+    ),
+    "time of many digits": (spoil((1, r"TIMESTEP\n\d+", "TIMESTEP\n" + "1" * 5000)), {}, "where a whole number of at most"),
+    "other digits": (spoil((0, r"(NUMBER OF ATOMS\n)\d+", "\\1\u0663\u0660")), {}, "where a whole number is needed"),
+    "columns of a number": (spoil(), {"columns": 5}, "columns are 5, and .* has 6: i, j, force"),
+    "columns of numbers": (spoil(), {"columns": [1, 2, 3, 4, 5, 6]}, "columns are .1, 2, 3"),
+    "underscore": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 1_0")), {}, "force: found '1_0', where a number"),
+    "arabic": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", "\\1 \u0661\u0660")), {}, "force: found '.*', where a number"),
+    "arabic box": (spoil((0, r"(BOUNDS.*\n)\S+", "\\1-\u0661")), {}, "bounds of the box cannot be read"),
+    "escape": (spoil((0, "radius", "\x1b[2Jradius")), {}, r"found a column named '\\x1b\[2Jradius'"),
+    "backwards": (spoil((1, "ENTRIES i", "ENTRIES \u202ei")), {}, r"found a column named '\\u202ei'"),
+    "escape in units": (spoil((0, "UNITS\nsi", "UNITS\n\x1b[31msi")), {"units": "si"}, r"its units are \\x1b\[31msi"),
+    "escape in columns": (spoil(), {"columns": ["\x1b[2J", "b", "c", "d", "e", "f"]}, r"columns are \\x1b\[2J, b, c"),
     "general box": (spoil((0, "BOX BOUNDS", "BOX BOUNDS abc origin")), {}, "triclinic/general"),
     "count": (spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\1many")), {}, "found 'many', where a whole number"),
     "another file": (lambda name, folder: (dumps(name)[0], __file__), {}, "where a line 'ITEM: ...' is needed"),
@@ -320,7 +342,48 @@ def test_dumps_that_cannot_be_read(name, tmp_path):
     make, more, said = BAD_DUMPS[name]
     with pytest.raises(gp.GranphonError, match=said) as error:
         gp.ContactNetwork.from_lammps(*make("disks", tmp_path), **({"material": GLASS} | more))
-    assert "\n" not in str(error.value)
+    assert str(error.value).isprintable()
+
+
+@pytest.mark.parametrize("digits", [16, 9, 6])
+@pytest.mark.parametrize("scaled", [False, True])
+def test_a_force_that_is_not_that_of_the_overlap_is_told(digits, scaled, tmp_path):
+    """Where the file has too few digits for the overlap, only what is beyond them is told."""
+    atoms, pairs = (path.read_text() for path in dumps("disks"))
+    start = pairs.index("\n", pairs.index("ITEM: ENTRIES")) + 1
+    rows = [line.split() for line in pairs[start:].splitlines()]
+    frame = re.split(r"(ITEM: ATOMS.*\n)", atoms)
+    names, low, side = frame[1].split()[2:], *map(float, re.search(r"BOUNDS.*\n(\S+) (\S+)", atoms).groups())
+    cells = [line.split() for line in frame[2].splitlines()]
+    for line in cells:
+        for axis in "xyz":
+            place, at = float(line[names.index(axis)]), names.index(axis)
+            share = (place - low) / (side - low) if scaled and axis != "z" else 0.5 if scaled else place
+            line[at] = f"{share:.{digits}g}"
+    head = frame[1].replace(" x y z", " xs ys zs") if scaled else frame[1]
+    (tmp_path / "atoms").write_text(frame[0] + head + "\n".join(map(" ".join, cells)) + "\n")
+
+    def read(**changed):
+        """The network with other forces of some of the pairs, by their number."""
+        lines = [[*row[:2], f"{changed.get(f'of_{n}', 1.0) * float(row[2]):.16g}"] for n, row in enumerate(rows)]
+        head = re.sub("ENTRIES.*", "ENTRIES i j force", pairs[:start])
+        (tmp_path / "pairs").write_text(head + "\n".join(map(" ".join, lines)) + "\n")
+        return gp.ContactNetwork.from_lammps(tmp_path / "atoms", tmp_path / "pairs", GLASS, keep_rattlers=True)
+
+    mean = np.mean([float(row[2]) for row in rows])
+    ordinary = next(n for n, row in enumerate(rows) if float(row[2]) > 0.5 * mean)
+    assert read(**{f"of_{ordinary}": 5.0}).n_contacts == read().n_contacts
+    said = (
+        rf"pairs: contact {ordinary}, of balls {rows[ordinary][0]} and {rows[ordinary][1]}, has the force .* N, and the ov"
+    )
+    for factor in (500.0, 1.0 / 500.0):
+        with pytest.raises(InconsistencyWarning, match=said):
+            read(**{f"of_{ordinary}": factor})
+    with pytest.raises(InconsistencyWarning, match=r"\(6[0-4] in all\)\. Compare units" if digits == 16 else "in all"):
+        read(**{f"of_{n}": 500.0 for n in range(len(rows))})
+    with pytest.warns(InconsistencyWarning) as caught:
+        read(of_0=1e6)
+    assert caught[0].filename == __file__
 
 
 def test_the_last_of_several_steps_is_read(tmp_path):
@@ -538,6 +601,7 @@ BAD_FILES = {
     "kind": ("x (mm),y (mm),radius (N)", "not a unit of length"),
     "needless unit": ("x (mm),y (mm),radius (mm),id (m)", "'id' has the unit 'm', and needs none"),
     "missing": ("x (mm),y (mm),size (mm)", "no column 'radius'. Its columns are x \\(mm\\), y \\(mm\\), size \\(mm\\)"),
+    "escape": ("x (mm),y (mm),\x1b[2Jsize (mm)", r"no column 'radius'. Its columns are .*, \\x1b\[2Jsize \(mm\)"),
     "inertia": ("x (mm),y (mm),radius (mm),inertia (kg)", "not a unit of moment of inertia"),
 }
 
@@ -562,6 +626,12 @@ def test_cells_of_a_table_that_cannot_be_read(cell, said, tmp_path):
     path.write_text(f"x (mm),y (mm),radius (mm)\n{cell}\n")
     with pytest.raises(gp.GranphonError, match=said):
         gp.ContactNetwork.from_table(path, {"i": [], "j": []}, material=GLASS)
+    for number in ("1_0", "\u0661"):
+        path.write_text("x (mm),y (mm),radius (mm)\n0,0,1\n2,0,1\n")
+        contacts = tmp_path / "contacts.csv"
+        contacts.write_text(f"i,j\n0,{number}\n")
+        with pytest.raises(gp.GranphonError, match=rf"contacts.csv: line 2, j: found '{number}', where a number is needed"):
+            gp.ContactNetwork.from_table(path, contacts, material=GLASS)
     with pytest.raises(gp.GranphonError, match="contacts is 3"):
         gp.ContactNetwork.from_table({"x": [0.0], "radius": [1.0]}, 3, material=GLASS)
 
@@ -576,6 +646,10 @@ WORDS = [
     "1e-320",
     "1e308",
     "9" * 30,
+    "9" * 5000,
+    "1_0",
+    "\u0663",
+    "\x1b[2J",
     "1.5",
     "abc",
     "ITEM: ATOMS",
@@ -602,6 +676,7 @@ def damage(text, rng):
 
 @pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
 def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
     rng = np.random.default_rng(seed)
     network_of("wall").write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")

@@ -1,4 +1,4 @@
-"""The errors that granphon raises, and its one warning.
+"""The errors that granphon raises, and its warnings.
 
 Every error is a :class:`GranphonError` and also the built-in exception that a caller would expect,
 so that both ``except gp.GranphonError`` and ``except ValueError`` work. A message says what is wrong,
@@ -17,6 +17,7 @@ __all__ = [
     "FigureError",
     "FileExistsInRunError",
     "GranphonError",
+    "InconsistencyWarning",
     "InputError",
     "InstabilityError",
     "MechanismError",
@@ -141,12 +142,19 @@ class FileExistsInRunError(OutputError):
     """A file stands where a result is to be written, and it may not be overwritten."""
 
 
+class InconsistencyWarning(UserWarning):
+    """Numbers that were given contradict each other: a force is not that of its overlap."""
+
+
 class UnverifiedFileWarning(UserWarning):
     """A file without a digest was read: nothing shows whether it is still as it was written."""
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
-    """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line."""
+    """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line.
+
+    Letters that cannot be printed are escaped, as a message may quote a file of unknown origin: a terminal would obey them.
+    """
     sentences = [_join_lines(part).rstrip() for part in (what, why, mend) if part]
     # three dots stay: they say that something has been cut off
     return " ".join(one if one.endswith(("?", "...")) else one.rstrip(". ") + "." for one in sentences)
@@ -171,4 +179,8 @@ def brief(value: object, most: int = 80) -> str:
 
 
 def _join_lines(text: str) -> str:
-    return _BREAK.sub(" ", text)
+    """A text on one line, of letters that can be printed."""
+    joined = _BREAK.sub(" ", text)
+    if joined.isprintable():
+        return joined
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in joined)

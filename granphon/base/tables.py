@@ -27,7 +27,7 @@ from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.reading import read_bytes
 from granphon.base.text import closest
 
-__all__ = ["Heading", "Table", "decode", "table_text", "write_table"]
+__all__ = ["Heading", "Table", "decode", "plain_float", "table_text", "write_table"]
 
 
 _POINT = "Write decimals with a point"
@@ -156,7 +156,7 @@ class Table:
         """
         for place in self._find_places(name):
             try:
-                return np.array([float(cell) for cell in self.columns[place]])
+                return np.array([plain_float(cell) for cell in self.columns[place]])
             except ValueError:
                 cells = zip(self.lines, self.columns[place], strict=True)
                 line, cell = next((line, cell) for line, cell in cells if not _is_float(cell))
@@ -185,9 +185,16 @@ class Table:
             raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
 
 
+def plain_float(cell: str) -> float:
+    """The number in a cell, nan and inf too; ValueError for what only Python takes for one: 1_0, digits of other scripts."""
+    if "_" in cell or not cell.isascii():
+        raise ValueError(cell)
+    return float(cell)
+
+
 def _is_float(cell: str) -> bool:
     try:
-        float(cell)
+        plain_float(cell)
     except ValueError:
         return False
     return True

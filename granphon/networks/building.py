@@ -7,6 +7,7 @@ spheres, shifts lead to the nearest image, and normals lie along the line of the
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,14 +18,14 @@ from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.base.arguments import real_array, whole_number
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InconsistencyWarning, InputError, brief, message
 from granphon.base.validation import require, truth
 from granphon.networks.checks import LARGEST, MOST_STEPS
 
 if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
-__all__ = ["MOST_BYTES", "Balls", "Contacts", "build_network", "read_cell"]
+__all__ = ["MOST_BYTES", "Balls", "Contacts", "build_network", "find_rounding", "read_cell"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -34,6 +35,12 @@ _REACH = 0.25
 _ROUNDED = 1e-2
 #: difference of z, over the largest radius, up to which balls are in one plane: the rounding in a file
 _LEVEL = 1e-9
+#: greatest factor between a force that is given and that of Hertz's law at the overlap of the two balls
+_MOST_FACTOR = 10.0
+#: least force, over the mean, that is compared so: weaker contacts may not have come to rest
+_LEAST_COMPARED = 1e-3
+#: least and greatest number of significant digits with which a program writes numbers
+_DIGITS = (6, 15)
 #: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
 MOST_BYTES = 4_000_000_000
 
@@ -42,7 +49,8 @@ MOST_BYTES = 4_000_000_000
 class Balls:
     """What a source says of its balls, in SI; None where it says nothing.
 
-    ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,).
+    ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,). ``rounding`` is the
+    error that the digits of the source leave in an overlap, m; None if overlaps need not be those of the forces.
     """
 
     name: str
@@ -51,6 +59,7 @@ class Balls:
     masses: Array | None = None
     inertias: Array | None = None
     labels: Index | None = None
+    rounding: float | None = None
 
     def check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for a place or radius with which one cannot reckon."""
@@ -99,10 +108,30 @@ class Contacts:
     def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
         """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
         if np.any(bad):
-            first, count = int(np.flatnonzero(bad)[0]), int(np.count_nonzero(bad))
-            more = f" ({count} in all)" if count > 1 else ""
-            what = f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]}, {wrong}{more}"
-            raise InputError(message(what, why, mend))
+            raise InputError(message(self.describe(bad, wrong), why, mend))
+
+    def describe(self, bad: NDArray[np.bool_], wrong: str) -> str:
+        """Say of the first contact that is ``bad`` what is ``wrong``, and how many there are."""
+        first, count = int(np.flatnonzero(bad)[0]), int(np.count_nonzero(bad))
+        more = f" ({count} in all)" if count > 1 else ""
+        return f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]}, {wrong}{more}"
+
+
+def find_rounding(values: Array) -> float:
+    """Return the error of a distance between two points whose coordinates have the significant digits of ``values``."""
+    finite = values[np.isfinite(values) & (values != 0.0)]
+    if not finite.size:
+        return 0.0
+    digits = next((d for d in range(*_DIGITS) if np.allclose(_round(finite, d), finite, rtol=1e-14, atol=0.0)), _DIGITS[1])
+    # half a unit of the last digit is up to 5 10^-digits of a number; a distance has that of six coordinates
+    return 20.0 * float(np.max(np.abs(finite))) * 10.0**-digits
+
+
+def _round(values: Array, digits: int) -> Array:
+    """Return numbers other than zero with so many significant digits."""
+    with np.errstate(all="ignore"):
+        power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(values))))
+        return np.asarray(np.rint(values * power) / power)
 
 
 def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
@@ -161,7 +190,7 @@ def build_network(
     contacts.refuse(far, f"joins balls that are not near each other: these, {said}", mend="Compare the cell and the units")
     with np.errstate(invalid="ignore", divide="ignore"):
         normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
-    force, stiffness, shear = _find_springs(contacts, material, friction, radii_i, radii_j, overlap, still)
+    force, stiffness, shear = _find_springs(contacts, material, friction, radii_i, radii_j, overlap, still, balls.rounding)
     none = np.zeros(len(i))
     found: dict[str, Any] = {
         "i": i, "j": j, "shift": shift, "normal": normal, "normal_force": force, "normal_stiffness": stiffness,
@@ -264,7 +293,7 @@ def _round_steps(steps: Array) -> Index:
 
 def _find_springs(
     contacts: Contacts, material: Material | None, friction: bool, radii_i: Array, radii_j: Array, overlap: Array,
-    still: NDArray[np.bool_],
+    still: NDArray[np.bool_], rounding: float | None,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Return force, normal stiffness and shear stiffness of each contact, as given, or by Hertz and Mindlin."""
     force, stiffness, shear = contacts.normal_force, contacts.normal_stiffness, contacts.shear_stiffness
@@ -293,6 +322,16 @@ def _find_springs(
         if force is None:
             contacts.refuse(still, "is with a body that does not move, and has no force", mend="Give normal_force")
             force = coefficient * unit.force(overlap)
+        elif stiffness is None and rounding is not None:
+            least, made, most = (coefficient * unit.force(overlap + by) for by in (-rounding, 0.0, rounding))
+            odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
+            odd &= ~still & (np.maximum(force, least) > _LEAST_COMPARED * np.mean(force))
+            if np.any(odd):
+                wrong = (
+                    f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes {_first(made, odd):.6g} N"
+                )
+                mend = "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
+                warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=5)
         if stiffness is None:
             stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
     if shear is None:

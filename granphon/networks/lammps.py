@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -14,9 +15,9 @@ from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
 from granphon.base.reading import read_bytes
 from granphon.base.scales import Units
-from granphon.base.tables import decode
+from granphon.base.tables import decode, plain_float
 from granphon.base.validation import choice, require
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network, find_rounding
 from granphon.networks.checks import read_whole_numbers
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class _Frame:
         for n, (line, text) in enumerate(self.rows):
             cells = text.split()
             try:
-                out[n] = float(cells[place])
+                out[n] = plain_float(cells[place])
             except (IndexError, ValueError):
                 found = brief(cells[place], 40) if len(cells) > place else "nothing"
                 raise InputError(message(f"{self.name}:{line}: {column}: found {found}, where a number is needed")) from None
@@ -113,7 +114,8 @@ def _find_scales(units: str | Units | None, *frames: _Frame) -> tuple[float, flo
 
 
 def _read_names(frame: _Frame, columns: Sequence[str]) -> tuple[str, ...]:
-    given = tuple(columns.split() if isinstance(columns, str) else columns)
+    listed = columns.split() if isinstance(columns, str) else columns
+    given = tuple(listed) if isinstance(listed, Sequence) else ()
     if not all(isinstance(name, str) for name in given) or len(given) != len(frame.names):
         what = f"columns are {brief(columns)}, and {frame.name} has {len(frame.names)}: {', '.join(frame.names)}"
         raise InputError(message(what, mend=f"Give a name for each; those that count are {', '.join(_NAMES)}"))
@@ -133,6 +135,7 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
         names = [f"{axis}{ends}" for axis in "xyz"]
         if set(names) <= set(frame.names):
             places = np.stack([frame.read(name) for name in names], axis=1)
+            rounding = find_rounding(places) * (float(np.max(np.abs(frame.cell))) if scaled else 1.0)
             places = places @ frame.cell if scaled else places - frame.origin
             break
     else:
@@ -142,7 +145,10 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
             raise InputError(message(f"{frame.name} has no column {name}", _say_columns(frame), _WRITE_ATOMS))
     radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
     masses = mass * frame.read("mass") if "mass" in frame.names else None
-    return Balls(frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"))
+    return Balls(
+        frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"),
+        rounding=length * (rounding + find_rounding(radii)),
+    )  # fmt: skip
 
 
 def _say_columns(frame: _Frame) -> str:
@@ -199,6 +205,9 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             if count < 0 or n + count > len(lines):
                 what = f"{name} ends before its {count} {kind.lower()} do: {len(lines) - n} are there"
                 raise InputError(message(what, "The file is not whole"))
+            if odd := next((one for one in names if not (one.isascii() and one.isprintable())), None):
+                what = f"{name}:{n}: found a column named {brief(odd, 40)}"
+                raise InputError(message(what, "The names of LAMMPS are of plain letters, digits and signs"))
             frame.names, frame.rows = tuple(names), list(enumerate(lines[n : n + count], n + 1))
             n += count
             yield frame
@@ -212,8 +221,9 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
 
 def _read_count(name: str, lines: list[str], n: int) -> int:
     text = lines[n].strip() if n < len(lines) else ""
-    if not text.isdecimal():
-        raise InputError(message(f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number is needed"))
+    if not re.fullmatch("[0-9]{1,19}", text):
+        most = " of at most 19 digits" if len(text) > 19 else ""
+        raise InputError(message(f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number{most} is needed"))
     return int(text)
 
 
@@ -224,7 +234,7 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
         mend = "Leave out dump_modify triclinic/general"
         raise InputError(message(f"{frame.name} has a box of three general vectors", why, mend))
     try:
-        rows = np.array([[float(cell) for cell in lines[n + axis].split()] for axis in range(3)])
+        rows = np.array([[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)])
         flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
         if words[:3] == ["xy", "xz", "yz"]:
             xy, xz, yz = rows[:, 2]
@@ -239,3 +249,8 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
             raise ValueError
     except (IndexError, ValueError):
         raise InputError(message(f"{frame.name}:{n + 1}: the bounds of the box cannot be read")) from None
+    ends = np.diag(frame.cell)
+    if not np.all(ends > 0.0):
+        axis = int(np.argmin(ends > 0.0))
+        what = f"{frame.name}:{n + axis + 1}: the box has the length {ends[axis]:g} along {'xyz'[axis]}"
+        raise InputError(message(what, "Its lower bound must be below the upper one", "Are the two exchanged?"))

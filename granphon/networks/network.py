@@ -408,6 +408,10 @@ class ContactNetwork(Result):
         Tangential forces at rest are not part of the linear response; LAMMPS' own has further terms of relative order
         overlap over diameter. Contacts with walls are not in ``compute pair/local``, and are missing.
 
+        A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an
+        :class:`~granphon.base.errors.InconsistencyWarning`; what the digits of the file leave open, and contacts below a
+        thousandth of the mean force, do not count.
+
         Raises
         ------
         InputError : a file is not such a dump, a column is missing, the two files are of different steps or units; and what
