@@ -325,7 +325,7 @@ def _find_springs(
         elif stiffness is None and rounding is not None:
             least, made, most = (coefficient * unit.force(overlap + by) for by in (-rounding, 0.0, rounding))
             odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
-            odd &= ~still & (np.maximum(force, least) > _LEAST_COMPARED * np.mean(force))
+            odd &= ~still & (np.maximum(force, least) > _LEAST_COMPARED * np.sum(force / force.size))
             if np.any(odd):
                 wrong = (
                     f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes {_first(made, odd):.6g} N"
