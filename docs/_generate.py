@@ -99,7 +99,8 @@ SCENES = {
     "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
-    "chains": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending: 0.01}\nload: {force: [5 N, 9 N]}",
+    "chains": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending: 0.01}\n"
+    "load: {force: [5 N, 9 N]}",
     "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
     "waves": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
     "medium: {simulation: {shape: 8 20, samples: 2}}\ndirection: [0, 1]\nobserve: [dos, spectrum, pulse]\n"

@@ -38,7 +38,7 @@ METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6)}
 def method(request, monkeypatch):
     """Each of the two methods of networks that are not too large, for any size."""
     dense, factored = METHODS[request.param]
-    monkeypatch.setattr(eigenpairs, "_DENSE", dense)
+    monkeypatch.setattr(eigenpairs, "DENSE", dense)
     monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
     return request.param
 
@@ -66,7 +66,7 @@ def test_methods_agree_on_disorder(monkeypatch):
     waves = gp.Waves(gp.DirectSimulation(packing, shape=(10, 10), seed=3).at_force(0.2).sample)
     found = []
     for dense, factored in METHODS.values():
-        monkeypatch.setattr(eigenpairs, "_DENSE", dense)
+        monkeypatch.setattr(eigenpairs, "DENSE", dense)
         monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
         found.append(waves.modes(6))
     for other in found[1:]:
@@ -189,7 +189,7 @@ def test_factors_miss_no_mode(monkeypatch):
     """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it, and more are asked for."""
     import scipy.sparse.linalg as linear
 
-    monkeypatch.setattr(eigenpairs, "_DENSE", 1)
+    monkeypatch.setattr(eigenpairs, "DENSE", 1)
     network, bands = ideal(shape=(12, 12))
     plain, asked = linear.eigsh, []
 
@@ -223,7 +223,7 @@ def test_static_forces_lower_frequencies(method):
 @pytest.fixture
 def filters(monkeypatch):
     """Modes are filtered, and not found among all by the dense matrix."""
-    monkeypatch.setattr(eigenpairs, "_DENSE", 1)
+    monkeypatch.setattr(eigenpairs, "DENSE", 1)
     monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
     monkeypatch.delattr(eigenpairs, "_find_dense")
     monkeypatch.setattr(filtering, "_STARTS", (6, 4))  # fewer than usual: the networks are small

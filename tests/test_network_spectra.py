@@ -69,6 +69,12 @@ def dense(disordered):
     return Dense(disordered)
 
 
+@pytest.fixture
+def estimated(monkeypatch):
+    """Densities of states of small networks are found as those of large ones, by random vectors."""
+    monkeypatch.setattr("granphon.waves.dos.DENSE", 0)
+
+
 # -- the kernel ---------------------------------------------------------------------------------------------------------
 
 
@@ -178,6 +184,7 @@ def test_network_that_buckles_is_an_error():
 # -- density of states --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("estimated")
 def test_dos_is_that_of_its_random_vectors(waves, dense):
     dos = waves.dos(moments=60, vectors=3, seed=5)
     kernel, operator = Kernel(dos.top, 60), waves.operator
@@ -197,6 +204,7 @@ def test_dos_is_that_of_its_random_vectors(waves, dense):
     assert Kernel(dos.top, 60).integral(dos.rotational) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.usefixtures("estimated")
 @pytest.mark.claim("spectra-errors")
 def test_error_of_the_dos_is_honest(waves, dense):
     """Student's t of the deviation from the exact trace: 95 % of all points are within its bounds."""
@@ -210,6 +218,7 @@ def test_error_of_the_dos_is_honest(waves, dense):
     assert 0.89 < np.mean(inside) < 0.99
 
 
+@pytest.mark.usefixtures("estimated")
 def test_dos_refines_to_the_same_bits(waves, monkeypatch):
     whole = waves.dos(moments=81, vectors=4, seed=2)
     first = waves.dos(moments=20, vectors=2, seed=2)
@@ -224,6 +233,7 @@ def test_dos_refines_to_the_same_bits(waves, monkeypatch):
     assert waves.dos(moments=20, vectors=2, seed=2).with_moments(81).with_vectors(4) == whole
 
 
+@pytest.mark.usefixtures("estimated")
 def test_refinement_keeps_the_work(waves, monkeypatch):
     calls = []
     advance = type(waves.operator).advance
@@ -237,6 +247,7 @@ def test_refinement_keeps_the_work(waves, monkeypatch):
     assert len(calls) == 2 * 19
 
 
+@pytest.mark.usefixtures("estimated")
 def test_one_vector_has_no_error(waves):
     dos = waves.dos(moments=20, vectors=1)
     assert np.all(np.isnan(dos.error))
@@ -247,6 +258,32 @@ def test_one_vector_has_no_error(waves):
         back.with_moments(30)
     with pytest.raises(InputError, match="was read from data"):
         back.with_vectors(2)
+
+
+@pytest.mark.parametrize("moments", [24, 20_000])
+def test_dos_of_a_small_network_is_that_of_its_modes(waves, dense, moments):
+    found = waves.dos(moments=moments, vectors=1)
+    kernel = Kernel(found.top, moments)
+    turning = np.sum(dense.vectors[waves.operator.is_rotation] ** 2, axis=0)
+    for values, weight in ((found.rotational, turning), (found.translational, 1.0 - turning)):
+        exact = kernel.densities(weight @ kernel.moments_of(dense.frequencies)) / 42
+        np.testing.assert_allclose(values, exact, atol=1e-6 * exact.max())
+    assert not np.any([found.error, found.translational_error, found.rotational_error])
+    assert found.vectors == 0
+    assert found == waves.dos(moments=moments, vectors=9, seed=0)
+    assert found.with_vectors(3) == found
+    assert found.with_moments(80) == waves.dos(moments=80)
+    assert type(found).from_dict(found.to_dict()) == found
+    assert found.integral == pytest.approx(3.0, rel=1e-12)
+
+
+@pytest.mark.usefixtures("estimated")
+@pytest.mark.parametrize("vectors", [2**26 // 256 + 1, 10**9, 10**400])
+def test_too_many_random_vectors_are_refused(waves, vectors):
+    with pytest.raises(InputError, match="vectors"):
+        waves.dos(vectors=vectors)
+    with pytest.raises(InputError, match="vectors"):
+        waves.dos(vectors=1).with_vectors(vectors)
 
 
 def test_dos_of_a_large_array_is_that_of_its_bands():

@@ -1,4 +1,4 @@
-"""Densities of states of finite networks, by random vectors."""
+"""Densities of states of finite networks: of small ones by their modes, of others by random vectors."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
 from granphon.base.arguments import whole_number
 from granphon.base.results import Result
+from granphon.waves.eigenproblem import DENSE
 from granphon.waves.kernel import Kernel
 from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
@@ -20,23 +21,28 @@ from granphon.waves.operator import WaveOperator
 __all__ = ["SpectralDensity", "find_dos"]
 
 Array = NDArray[np.float64]
+#: most numbers of moments of all random vectors: their densities are 4 GiB
+_MOST = 2**26
+#: most numbers of moments of modes that are worked out together
+_BLOCK = 2**22
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpectralDensity(Refinable["_Traces"], Result):
+class SpectralDensity(Refinable["_Traces | _Lines"], Result):
     """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson kernel.
 
-    It is an estimate by random vectors. Its integral is exact: the number of motions of a ball.
+    Of a network of up to 600 motions it is exact. Of a larger one it is an estimate by random vectors, whose integral is
+    exact: the number of motions of a ball.
 
     Attributes
     ----------
     frequencies : (n,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the kernel.
     translational, rotational : (n,) 1/Hz, the density with each mode weighted by that part of its kinetic energy.
     error, translational_error, rotational_error : (n,) 1/Hz, standard errors over the random vectors of the total and of
-        the two parts; nan if there is one vector. For few vectors they follow Student's t.
+        the two parts; zero without any, nan if there is one vector. For few vectors they follow Student's t.
     top : bound of all frequencies, Hz, on which the polynomials are made.
     moments : number of Chebyshev moments.
-    vectors : number of random vectors.
+    vectors : number of random vectors; 0 where all modes were found.
     seed : from which they are drawn.
     """
 
@@ -83,8 +89,8 @@ class SpectralDensity(Refinable["_Traces"], Result):
     def with_vectors(self, vectors: int) -> SpectralDensity:
         """Return the density by this number of random vectors; those that have been used are not used again.
 
-        It is the same, bit for bit, as one that is found with that number at once. Raises
-        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        It is the same, bit for bit, as one that is found with that number at once; without random vectors it is this one.
+        Raises :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
         return self._known_work().find(self.moments, whole_number("vectors", vectors, 1))
 
@@ -96,9 +102,34 @@ def find_dos(
     operator: WaveOperator, resolution: float | None, moments: int | None, vectors: int, seed: int
 ) -> SpectralDensity:
     """Return the density of states; see :meth:`granphon.waves.waves.Waves.dos`."""
-    vectors, seed = whole_number("vectors", vectors, 1), whole_number("seed", seed, 0)
+    vectors, seed = whole_number("vectors", vectors, 1, _MOST), whole_number("seed", seed, 0)
     kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
-    return _Traces(operator, seed, vectors).find(kernel.moments, vectors)
+    work = _Lines(operator, seed) if operator.size <= DENSE else _Traces(operator, seed, vectors)
+    return work.find(kernel.moments, vectors)
+
+
+class _Lines:
+    """All modes of a network: their frequencies, and how much of the energy of each is of translations and of rotations."""
+
+    def __init__(self, operator: WaveOperator, seed: int) -> None:
+        squares, modes = np.linalg.eigh(operator.matrix.toarray())
+        self._top, self._seed, self._balls = operator.top / (2.0 * math.pi), seed, operator.balls.size
+        self._frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
+        self._weights = np.stack(
+            [np.sum(modes[part] ** 2, axis=0) for part in (~operator.is_rotation, operator.is_rotation)]
+        )
+
+    def find(self, moments: int, vectors: int) -> SpectralDensity:
+        """Return the density by a number of moments; ``vectors`` are none."""
+        kernel = Kernel(self._top, moments)
+        found = np.zeros((2, moments))
+        for few in np.array_split(np.arange(self._frequencies.size), 1 + self._frequencies.size * moments // _BLOCK):
+            found += self._weights[:, few] @ kernel.moments_of(self._frequencies[few])
+        translational, rotational = kernel.densities(found / self._balls)
+        nothing = np.zeros(kernel.count)
+        return SpectralDensity(
+            kernel.frequencies, translational, rotational, nothing, nothing, nothing, kernel.top, moments, 0, self._seed
+        )._with_work(self)
 
 
 def _random_signs(operator: WaveOperator, seed: int, number: int, rotations: bool) -> Array:
@@ -130,6 +161,7 @@ class _Traces:
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by these numbers of moments and of random vectors."""
+        vectors = whole_number("vectors", vectors, 1, _MOST // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         self._vectors += [self._make(number) for number in range(len(self._vectors), vectors)]
         found = np.array([[part.first(moments) for part in one] for one in self._vectors[:vectors]])

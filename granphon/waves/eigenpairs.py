@@ -10,14 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from granphon.base.errors import InputError, InstabilityError, message
-from granphon.waves.eigenproblem import RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, make_too_few
+from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, make_too_few
 from granphon.waves.filtering import find_filtered
 from granphon.waves.operator import WaveOperator
 
 __all__ = ["find_eigenpairs", "require_stable"]
 
-#: most motions of a dense matrix
-_DENSE = 600
 #: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
 _LARGEST = 10_000
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
@@ -41,7 +39,7 @@ def find_eigenpairs(operator: WaveOperator, count: int, target: float) -> Eigenp
     problem = Problem(operator, live)
     if count > live.size:
         raise make_too_few(live.size, count)
-    if live.size <= _DENSE or count * _SHARE > live.size:
+    if live.size <= DENSE or count * _SHARE > live.size:
         found = _find_dense(problem, count, target)
     elif live.size <= _FACTORED[operator.network.dimension]:
         found = _find_factored(problem, count, target)

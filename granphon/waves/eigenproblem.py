@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["RESIDUAL", "UNSTABLE", "ZERO", "Eigenpairs", "Problem", "make_too_few"]
+__all__ = ["DENSE", "RESIDUAL", "UNSTABLE", "ZERO", "Eigenpairs", "Problem", "make_too_few"]
 
 Array = NDArray[np.float64]
+#: most motions of a network all of whose modes are found at once, by a dense matrix
+DENSE = 600
 #: frequency over the top frequency, at or below which a mode counts as one that costs no energy
 ZERO = 1e-6
 #: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is its square over the distance of others

@@ -77,6 +77,9 @@ class Waves:
     ) -> SpectralDensity:
         """Return the density of states, 1/Hz per ball that moves, by the kernel polynomial method.
 
+        Up to 600 motions of all balls all modes are found, and the density has no error. Of larger networks it is estimated
+        by random vectors.
+
         Parameters
         ----------
         resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
@@ -84,7 +87,8 @@ class Waves:
         seed : from which the random vectors are drawn.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers out of range,
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than 2^26 moments of all
+        random vectors;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
         nan. Memory is that of D and of about six vectors, whatever the numbers.
         """
