@@ -239,6 +239,32 @@ def test_the_zone_is_drawn_with_the_path(bands, ax):
     assert {text.get_text(): tuple(text.xy) for text in ax.texts}.keys() == {"Γ", "K", "M"}
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_zone_of_a_ribbon_is_a_line(phonons, ax, tmp_path, axis):
+    """Six rows of balls that are cut out of the array, along either of its vectors."""
+    balls = gp.atoms(phonons.state).repeat((1, 6, 1) if axis == 0 else (6, 1, 1))
+    balls.pbc = np.arange(3) == axis
+    along = gp.Phonons(phonons.state, balls).bands(npoints=5)
+    assert along.labels == ("G", "X")
+    assert along.pbc == (axis == 0, axis == 1)
+    assert_allclose(along.distances[0, [0, -1]], [0.0, 0.5], atol=1e-15)  # of 1/d, along the ribbon and not across it
+    zones.plot_zone(along, ax)
+    assert_allclose(with_gid(ax, "path").get_segments(), [[[0.0, 0.0], [0.5, 0.0]]], atol=1e-15)
+    assert_allclose(with_gid(ax, "zone").get_segments()[0], [[-0.5, 0.0], [0.5, 0.0]], atol=1e-15)
+    along.write(tmp_path / "band.yaml")
+    assert gp.Bands.read(tmp_path / "band.yaml").pbc == along.pbc
+    assert gp.Bands.from_dict(along.to_dict()) == along
+
+
+def test_a_cluster_has_no_zone(phonons, ax):
+    balls = gp.atoms(phonons.state).repeat((2, 2, 1))
+    balls.pbc = False
+    flat = gp.Phonons(phonons.state, balls).bands([[0, 0], [0.5, 0]], npoints=3)
+    with pytest.raises(InputError, match="repeat along no period"):
+        zones.plot_zone(flat, ax)
+    assert not plot.bands_figure(flat).axes[0].child_axes
+
+
 # -- the density of states ------------------------------------------------------------------------------------------
 
 

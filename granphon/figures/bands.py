@@ -220,15 +220,16 @@ def bands_figure(
 ) -> Figure:
     """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the same axis.
 
-    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands. Either may be left out;
-    ``asymptotes`` as in :func:`plot_asymptotes`. Raises :class:`~granphon.base.errors.InputError` if both are left out.
+    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a cluster has none. Bands or
+    densities may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
+    :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
     if first is None:
         raise InputError(message("there is nothing to draw", mend="Give bands, a density of states, or both"))
     unit, both = _choose_unit(first), bands is not None and dos is not None
     # a zone in space has too many corners for an inset
-    space = bands is not None and len(find_reciprocal(bands)) == 3
+    space = bands is not None and sum(bands.pbc) == 3
     with matplotlib.rc_context(STYLE):
         figure = Figure(
             figsize=(COLUMN_WIDTH, 2.4 if bands is None else 4.4 if space else 3.1), dpi=DPI, layout="constrained"
@@ -241,11 +242,11 @@ def bands_figure(
         if bands is not None:
             plot_bands(bands, axes[0], asymptotes=asymptotes, unit=unit)
             if space:
-                inset = figure.add_subplot(rows[1])
-            else:
+                plot_zone(bands, figure.add_subplot(rows[1]))
+            elif any(bands.pbc):
                 inset = axes[0].inset_axes(_find_free_place(axes[0]))
                 inset.set_in_layout(False)
-            plot_zone(bands, inset)
+                plot_zone(bands, inset)
         if both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
         entries = {name: h for ax in axes[::-1] for h, name in zip(*ax.get_legend_handles_labels(), strict=True)}

@@ -16,6 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
+from granphon.base.errors import InputError, message
 from granphon.figures.views import HALO, Painter, View
 from granphon.phonons.bands import Bands
 from granphon.phonons.zones import zone_faces, zone_polygon
@@ -32,6 +33,16 @@ def find_reciprocal(bands: Bands) -> Array:
     return np.asarray(np.linalg.inv(bands.cell[: bands.periods, : bands.periods]).T)
 
 
+def _find_own_reciprocal(bands: Bands) -> Array:
+    """Return the reciprocal vectors (r, r) of the r vectors along which the cell repeats, in Cartesian axes of their own."""
+    repeats = np.asarray(bands.pbc)
+    if np.all(repeats):
+        return find_reciprocal(bands)
+    vectors = bands.cell[: bands.periods, : bands.periods][repeats]
+    axes, upper = np.linalg.qr(vectors.T)
+    return np.asarray(np.linalg.inv(vectors @ (axes * np.sign(np.diag(upper)))).T)
+
+
 def print_label(label: str) -> str:
     """Return the label of a corner as it is printed: Γ for G, and an index as a subscript."""
     parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
@@ -43,11 +54,16 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
 
     The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default one from which the
     corners of the path lie apart on the paper and on the near side; far edges are thin and light. On a line the zone is a
-    line with two ends.
+    line with two ends. It is that of the periods along which the cell repeats: the zone of a ribbon is a line.
+
+    Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along none and has no zone.
     """
-    reciprocal = find_reciprocal(bands)
+    repeats = np.asarray(bands.pbc)
+    if not np.any(repeats):
+        raise InputError(message("the balls repeat along no period", "A cluster has no Brillouin zone"))
+    reciprocal = _find_own_reciprocal(bands)
     periods = len(reciprocal)
-    ends = bands.qpoints[:, [0, -1], :periods] @ reciprocal
+    ends = bands.qpoints[:, [0, -1], : len(repeats)][..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
         view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view

@@ -82,9 +82,11 @@ class Bands(Result):
     scales : the length, stiffness and mass that convert reduced units to SI.
     warnings : one sentence for each limit of the model that the state exceeds, and for branches that cost no energy.
     motions : the motions of each ball; rotations that the eigenvectors do not have are left out.
+    pbc : along which of the d periods of the lattice the cell repeats, by default all; a ribbon that is cut out of a lattice
+        in the plane repeats along one.
     """
 
-    added = ("motions",)
+    added = ("motions", "pbc")
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
     shapes = {
@@ -104,9 +106,12 @@ class Bands(Result):
     scales: Units
     warnings: tuple[str, ...] = ()
     motions: Motions = IN_PLANE
+    pbc: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.pbc:
+            object.__setattr__(self, "pbc", (True,) * self.periods)
         if self.eigenvectors.shape[2] == len(self.motions.translations) * len(self.masses):
             object.__setattr__(self, "motions", replace(self.motions, rotations=()))
 
@@ -137,6 +142,7 @@ class Bands(Result):
             (np.all(self.masses > 0.0), "a mass is not above zero"),
             (abs(np.linalg.det(self.cell)) > 0.0, "the cell has no volume"),
             (np.all(np.abs(lengths - 1.0) <= _LENGTH_ERROR), "an eigenvector has not the length one"),
+            (len(self.pbc) == p and all(isinstance(one, bool) for one in self.pbc), f"pbc is not {p} times true or false"),
         ):
             if not holds:
                 raise InputError(message(what, mend="Make the bands again"))
@@ -239,6 +245,7 @@ class Bands(Result):
         lines = [
             *make_header(unit, self.scales, self.motions, self.periods),
             *([f"  still_branches: {still}"] if still else []),
+            *([] if all(self.pbc) else [f"  pbc: {json.dumps(self.pbc)}"]),
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
@@ -327,6 +334,7 @@ class Bands(Result):
                 velocities[..., :periods].reshape(s, p, b, periods) * scales.length * hertz,
                 np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
                 coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
+                tuple(own.get("pbc", ())),
             )  # fmt: skip
             found.check()
             if not np.allclose(_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):

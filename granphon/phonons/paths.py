@@ -50,22 +50,24 @@ _SHAPES = ("row", "layer", "crystal")
 # -- special points -------------------------------------------------------------------------------------------------
 
 
-def special_points(vectors: ArrayLike) -> dict[str, Array]:
+def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Array]:
     """Find the special points of the Brillouin zone of lattice vectors (p, d), keyed by ASE's letters.
 
-    Each point is (3,), in fractions of the reciprocal cell.
+    Each point is (3,), in fractions of the reciprocal cell. ``pbc`` says along which vectors balls repeat, by default all:
+    a ribbon cut out of a plane has the two points G and X of a line.
     """
-    points = _find_band_path(*_key(vectors)).special_points
-    return {name: np.array(point) for name, point in points.items()}
+    points = _find_band_path(*_key(vectors, pbc)).special_points
+    signs = -1.0 if sum(pbc) == 1 and np.min(list(points.values())) < 0.0 else 1.0
+    return {name: signs * np.array(point) + 0.0 for name, point in points.items()}
 
 
-def default_letters(vectors: ArrayLike) -> str:
+def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
     """Return the letters of the path of a cell (p, d) from corner to corner of its irreducible zone.
 
     They are GX on a line, GKMG and GXMG in hexagonal and square cells of the plane, GXWKGL in face-centred cubic ones; of
-    other cells ASE's, where a comma marks a jump.
+    other cells ASE's, where a comma marks a jump. ``pbc`` is as in :func:`special_points`.
     """
-    path = _find_band_path(*_key(vectors))
+    path = _find_band_path(*_key(vectors, pbc))
     if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points
         for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
             if set(letters) <= set(path.special_points):
@@ -73,20 +75,22 @@ def default_letters(vectors: ArrayLike) -> str:
     return _FACE_CENTRED_PATH if path.path.startswith(_FACE_CENTRED_PATH) else str(path.path)
 
 
-def _key(vectors: ArrayLike) -> tuple[tuple[float, ...], int]:
-    """Return lattice vectors (p, d) as a cell in space, in one row, and p."""
+def _key(vectors: ArrayLike, pbc: Sequence[bool]) -> tuple[tuple[float, ...], tuple[bool, ...]]:
+    """Return lattice vectors (p, d) as a cell in space, in one row, and along which of its axes it repeats."""
     given, cell = np.asarray(vectors), np.eye(3)
     p = len(given)
     cell[:p, :p] = given[:, :p]
-    return tuple(cell.ravel().tolist()), p
+    # a cluster, which repeats nowhere, has the zone of the cell that it was put into
+    repeats = tuple(map(bool, pbc)) if any(pbc) else (True,) * p
+    return tuple(cell.ravel().tolist()), (*repeats, *(False,) * (3 - p))
 
 
 @lru_cache(maxsize=16)
-def _find_band_path(cell: tuple[float, ...], periods: int) -> Any:
+def _find_band_path(cell: tuple[float, ...], pbc: tuple[bool, ...]) -> Any:
     """Return ASE's band path of a cell, which knows its special points and the standard path."""
     from ase.cell import Cell
 
-    return Cell(np.reshape(cell, (3, 3))).bandpath(npoints=0, pbc=np.arange(3) < periods)
+    return Cell(np.reshape(cell, (3, 3))).bandpath(npoints=0, pbc=pbc)
 
 
 # -- points along a path --------------------------------------------------------------------------------------------

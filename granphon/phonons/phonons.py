@@ -87,6 +87,11 @@ class Phonons:
         for axis in range(state.packing.structure.periods, 3):
             if not self.atoms.cell[axis].any():
                 self.atoms.cell[axis, axis] = 1.0  # phonopy needs three dimensions; the layer is one diameter thick
+        if np.any(self._repeats):
+            # a vector along which nothing repeats only spans the cell: upright, it leaves the wave vectors to the others
+            cell, open_axes = self.atoms.cell.array, np.flatnonzero(~self._repeats)
+            along = cell[np.flatnonzero(self._repeats)]
+            cell[open_axes] -= cell[open_axes] @ np.linalg.pinv(along) @ along
         # one cell of the lattice has the contacts of the state, so no search is needed
         self.lattice: ContactLattice = (
             contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
@@ -113,6 +118,11 @@ class Phonons:
     @property
     def _periods(self) -> int:
         return self.lattice.periods
+
+    @property
+    def _repeats(self) -> NDArray[np.bool_]:
+        """Along which of the periods of the lattice the cell repeats, (p,)."""
+        return np.asarray(self.atoms.pbc[: self.state.packing.structure.periods], bool)
 
     def _choose_dim(self, given: Sequence[int] | None) -> tuple[int, ...]:
         p = self._periods
@@ -226,7 +236,7 @@ class Phonons:
     @property
     def special_points(self) -> dict[str, Array]:
         """Special points of the Brillouin zone of the cell, keyed by ASE's letters, in fractions of the reciprocal cell."""
-        return special_points(self._lattice_vectors)
+        return special_points(self._lattice_vectors, self._repeats.tolist())
 
     @property
     def _lattice_vectors(self) -> Array:
@@ -244,12 +254,12 @@ class Phonons:
         ----------
         path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
             reciprocal cell; by default the lattice's own (:func:`~granphon.phonons.paths.default_letters`): GKMG on a
-            hexagonal cell, GXMG on a square one, GXWKGL in fcc.
+            hexagonal cell, GXMG on a square one, GXWKGL in fcc; GX of atoms that repeat along one axis.
         npoints : points in each segment, both ends counted.
         labels : names of the corners; by default the letters, or the coordinates.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
-        way = default_letters(self._lattice_vectors) if path is None else path
+        way = default_letters(self._lattice_vectors, self._repeats.tolist()) if path is None else path
         segments, ticks = interpolate_path(way, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
         q = self.lattice.wavevectors(segments)  # (s, p, periods)
@@ -265,6 +275,7 @@ class Phonons:
             modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
             self.scales, self._find_warnings(q.reshape(-1, d), modes.frequencies), self.lattice.motions,
+            tuple(self._repeats.tolist()),
         )  # fmt: skip
 
     def dos(
