@@ -98,6 +98,7 @@ def test_exponents_take_two_states_more_beside_each():
         plain, asked = (estimate(medium, Load("force", [5.0, 20.0]), exponents=exponents) for exponents in (False, True))
         assert 2.2 < asked.seconds / plain.seconds < 3.0
         assert asked.memory == plain.memory
+        assert asked.equilibria == 3 * plain.equilibria
     medium = simulation((128, 128))
     guess = estimate(medium, Load("force", 5.0), exponents=True)
     medium.at_force(5.0)  # what is loaded once is not counted
@@ -126,7 +127,10 @@ def test_time_grows_towards_the_threshold_with_size_and_with_friction():
     assert times[-1] > times[-2]  # below the threshold: taken to be at it
     at = (0.5 - 0.5) * WIDTH
     small, large = (estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024)))
-    assert large.seconds == pytest.approx(256 * small.seconds)
+    # each step takes as long as 4500 balls more
+    assert large.seconds == pytest.approx(256 * small.seconds * (1 + 4500 / 2**20) / (1 + 4500 / 4096))
+    few = estimate(simulation((8, 8)), Load("overlap", at))
+    assert few.seconds > 0.4 * small.seconds
     bare = estimate(simulation(friction=False), Load("overlap", at))
     assert bare.seconds < small.seconds
     assert estimate(simulation(), Load("overlap", at), moduli=False).seconds < bare.seconds
@@ -152,7 +156,8 @@ def test_equal_balls_cost_next_to_nothing():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")]
+    ("seconds", "text"),
+    [(5.8e-5, "less than 0.1 s"), (0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")],
 )
 def test_durations_are_read_at_a_glance(seconds, text):
     one = cost.Cost(2.5e9 - cost._PYTHON_BYTES, known=seconds, balls=10_000_000, equilibria=1)

@@ -112,7 +112,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows.append(("spectrum", f"{', '.join(scene.spectrum.polarisation)}, {scene.spectrum.points} points in a segment"))
     if scene.pulse is not None and "pulse" in scene.observe:
         pulse = scene.pulse
-        rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {pulse.cycles:g} periods, {pulse.polarisation}"))
+        periods = f"{pulse.cycles:g} {'period' if pulse.cycles == 1 else 'periods'}"
+        rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {periods}, {pulse.polarisation}"))
     if "dos" in scene.observe and not scene.is_sweep:  # that of a sweep is of arrays
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows

@@ -1,10 +1,11 @@
 """Estimates of the memory and time that work will need, made before it is done.
 
-Memory follows from the arrays. The time of a simulation is that of a small sample, measured on this machine when it is
-needed, times factors for the lattice and the load: the nearer the rigidity threshold, the more steps each equilibrium takes.
-The exponents were fitted to runs of 64^2 to 256^2 balls between f* = 1e-3 and 30, for which the estimate is within a factor
-of three. The factors for space were measured with fcc and hcp arrays of 12^3 to 24^3 diameters, f* = 0.02 to 10; there it is
-within a factor of two.
+Memory follows from the arrays. The time of a simulation is the processor's time of a small sample, measured on this machine
+when it is needed, times factors for the size, the lattice and the load: the nearer the rigidity threshold, the more steps an
+equilibrium takes, and a step of few balls takes hardly less than one of thousands. The factors were fitted to runs of 8^2
+to 192^2 balls on the triangular lattice between f* = 0.002 and 2, and of 4^3 to 24^3 cells in fcc between 0.03 and 2, on
+the lattice and in the exact geometry. The estimate is within a factor of two and a half of them; below f* = 0.02 large
+arrays may take up to five times as long.
 Bands, densities of states, force constants and sweeps were measured on one processor at 2 to 3 GHz: memory (arrays, as
 Python's tracemalloc counts them) is right within a factor of about two, time within a factor of five.
 """
@@ -16,7 +17,7 @@ import os
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +44,7 @@ __all__ = [
     "find_typical_force",
     "force_constants",
     "sweep_states",
+    "write_duration",
 ]
 
 Array = NDArray[np.float64]
@@ -80,16 +82,18 @@ _CURVES = {
 _LEAST_FORCE = 5e-5
 #: time of an equilibrium per ball with one, two and three periods, over that on the triangular lattice
 _LATTICE_TIME = {1: 0.4, 2: 1.0, 3: 2.5}
+#: number of balls of an array whose steps take twice as long as for the balls alone
+_FEW_BALLS = 4500.0
 #: time of a linear response without rotations over that of its equilibrium
 _RESPONSE_TIME = {1: 0.2, 2: 0.8, 3: 1.2}
 #: time of a linear response with rotations over that of its equilibrium
-_ROTATING_RESPONSE_TIME = {2: 1.4, 3: 3.5}
+_ROTATING_RESPONSE_TIME = {2: 0.8, 3: 2.2}
 #: part by which each further ball of the cell makes the time per ball longer
 _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
 #: times of an equilibrium and of a response in the exact geometry over those on the lattice
-_EXACT_TIME = 6.0
+_EXACT_TIME = 4.0
 _EXACT_RESPONSE_TIME = 2.0
 #: bytes for each ball while a path is worked on, with two and three periods
 _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
@@ -113,6 +117,8 @@ _HEARD_BYTES = 60.0
 _READING_TIME = 12e-9
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
+#: time below which an estimate gives no number, s
+_LEAST_SECONDS = 0.1
 #: memory below which an estimate is not worth showing, bytes
 _TOLD_BYTES = 1e8
 
@@ -176,7 +182,7 @@ class Cost:
         many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
         simulated = (f"simulation of {self.balls:,} balls{many}",) if self.equilibria else ()
         what = "; ".join(simulated + self.parts)
-        time = f"{'at least ' * self.bounds}{_write_duration(self.seconds)}"
+        time = f"{'at least ' * (self.bounds and self.seconds >= _LEAST_SECONDS)}{write_duration(self.seconds)}"
         return f"{what}: about {_write_bytes(self.memory)} and {time}"
 
 
@@ -184,10 +190,13 @@ def _write_bytes(memory: float) -> str:
     return f"{_write_digits(memory / 1e9)} GB" if memory >= 1e9 else f"{memory / 1e6:.0f} MB"
 
 
-def _write_duration(seconds: float) -> str:
+def write_duration(seconds: float) -> str:
+    """Text of a time, s, with two digits, in the unit in which people say it."""
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
             return f"{_write_digits(seconds / size)} {unit}"
+    if seconds < _LEAST_SECONDS:
+        return f"less than {_LEAST_SECONDS:g} s"
     return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
 
@@ -291,11 +300,13 @@ def estimate(
     # on a line no contact opens, and no load is near a threshold
     rest = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE))
     rest = rest / _estimate_effort(_SMALL_FORCE)
+    slow = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0 * rest
     if simulation.is_exact:
         rest, linear = _EXACT_TIME * rest, _EXACT_RESPONSE_TIME * linear
+    exponents = exponents and packing.spread_matters
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
-    work, bounds = float(np.sum(rest + linear + beside)), False
+    work, bounds = slow * float(np.sum(rest + linear + beside)), False
     if (loading := simulation.loading) is not None:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
         spacings = _estimate_spacing(packing, load.applied)
@@ -303,6 +314,7 @@ def estimate(
         work, bounds = estimate_history(loading, balls, path, _find_start(packing, loading.start), exponents)
         work += (1.0 + 2.0 * exponents) * float(np.sum(linear))
     work *= _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
+    count *= 1 + 2 * exponents
     return Cost(memory, work=work * balls * simulation.samples, balls=balls, equilibria=count, bounds=bounds)
 
 
@@ -355,7 +367,7 @@ def _find_force(packing: Packing, spacing: Array) -> Array:
 def _estimate_effort(force: ArrayLike) -> Array:
     """Return the time of an equilibrium per ball, in arbitrary units, at a reduced force."""
     force = np.asarray(force, float)
-    return np.asarray(1.0 + np.minimum(0.37 * force**-0.7, 0.9 * force**-0.42))
+    return np.asarray(0.45 + np.minimum(0.28 * force**-0.8, force**-0.42))
 
 
 @cache
@@ -365,9 +377,9 @@ def _measure_time_per_ball() -> float:
     deviations -= np.mean(deviations)
     times = []
     for _ in range(3):
-        start = perf_counter()
+        start = process_time()
         _ = equilibrate(deviations, Prescribed(overlap=_SMALL_SPACING - 0.5)).stiffness
-        times.append(perf_counter() - start)
+        times.append(process_time() - start)
     return min(times) / deviations.size
 
 

@@ -15,6 +15,7 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import local_field_on
 from granphon.laws.effective import EffectiveLaw
+from granphon.media.cost import write_duration
 from granphon.media.mean_field import EffectiveMedium
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, leave_out
@@ -78,7 +79,7 @@ class GridStudy(DisorderStudy):
 
         if (least := _SOLUTIONS * self.disorder.solving) > deadline.left:
             raise GranphonError(
-                f"its {_SOLUTIONS} effective media do not fit into the budget: they take about {least:.2g} s."
+                f"its {_SOLUTIONS} effective media do not fit into the budget: they take about {write_duration(least)}."
             )
         xi, error = integrate_local_field(self.disorder.packing.mindlin_ratio)
         errors = self.disorder.repeat(self._sensitivity * error / xi)

@@ -27,6 +27,7 @@ from granphon.base.digests import digest
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
+from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.accuracy import read_truth
@@ -456,7 +457,9 @@ def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:
 
     def require_time(seconds: float) -> None:
         if (runs + _MORE_RUNS) * seconds > deadline.left:
-            long = f": {runs} runs of about {seconds:.2g} s" if 1e-3 < seconds < math.inf else ""
+            long = (
+                f": {runs} runs of about {write_quantity(float(f'{seconds:.2g}'), 's')}" if 1e-3 < seconds < math.inf else ""
+            )
             raise _BudgetError(f"not run, beyond the budget{long}")
 
     require_time(about)

@@ -17,7 +17,7 @@ from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
 from granphon.media.accuracy import REST, Truth
-from granphon.media.cost import estimate
+from granphon.media.cost import estimate, write_duration
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.sizes_and_times import even_shape
@@ -139,7 +139,9 @@ class MediaStudy(DisorderStudy):
                 break
         if count < _LEAST_SAMPLES:
             taken = deadline.stopwatch.now() - begun
-            raise GranphonError(f"the budget allows only {count} of its samples ({taken:.2g} s), which are too few.")
+            raise GranphonError(
+                f"the budget allows only {count} of its samples ({write_duration(taken)}), which are too few."
+            )
         return self._summarize(moments, apart)
 
     def _summarize(self, moments: Moments, apart: Array) -> Reference:
@@ -168,7 +170,9 @@ class MediaStudy(DisorderStudy):
         simulation = DirectSimulation(disorder.packing, self.reference_shape, _REFERENCE_SEED, **disorder.truth.options)
         least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
         if least > deadline.left:
-            raise GranphonError(f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {least:.2g} s.")
+            raise GranphonError(
+                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {write_duration(least)}."
+            )
 
     def compare_solvers(self, deadline: Deadline) -> Array:
         """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU."""
