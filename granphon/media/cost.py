@@ -85,7 +85,7 @@ _LATTICE_TIME = {1: 0.4, 2: 1.0, 3: 2.5}
 #: number of balls of an array whose steps take twice as long as for the balls alone
 _FEW_BALLS = 4500.0
 #: time of a linear response without rotations over that of its equilibrium
-_RESPONSE_TIME = {1: 0.2, 2: 0.8, 3: 1.2}
+_RESPONSE_TIME = {1: 0.2, 2: 0.5, 3: 0.8}
 #: time of a linear response with rotations over that of its equilibrium
 _ROTATING_RESPONSE_TIME = {2: 0.8, 3: 2.2}
 #: part by which each further ball of the cell makes the time per ball longer
