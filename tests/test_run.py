@@ -266,7 +266,10 @@ def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsy
 
     monkeypatch.setattr(gp.DirectSimulation, "at", simulated)
     many = SIMULATED.replace("3 N", "[3 N, 1 N]").replace("medium: {", "medium: [ema, {").replace("3}}", "3}}]")
-    for text, count in ((SIMULATED, 3), (many, 6)):
+    for text, count in (
+        (SIMULATED, 9),
+        (many, 18),
+    ):  # three samples at each load, each with two equilibria more for the exponent
         (work / "scene.yaml").write_text(text)
         cost = Scene.from_text(text).cost()
         assert cost.equilibria == count
@@ -275,7 +278,7 @@ def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsy
         assert f"  will take             {cost.text} on one processor\n" in out
         assert f"simulation of 256 balls, {count} equilibria: about 80 MB and " in out
     # of the medium that is solved in a moment, limits are told
-    assert err.startswith("granphon: warning: ema: contact force in N is 1")
+    assert err.startswith("granphon: warning: ema is not reliable below ")
     assert err.count("\n") == 1
 
 
@@ -339,7 +342,7 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
     assert got["valid"] is False
     told = [f"granphon: warning: {text}" for text in got["warnings"]]
     assert err.splitlines() == told
-    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: contact force in N is ")
+    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: ala is not reliable below ")
     assert set(got["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
     assert (work / "new" / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
@@ -1146,7 +1149,7 @@ def test_check_describes_a_sweep(work, capsys):
         "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
     ):  # fmt: skip
         assert expected in out
-    assert "granphon: warning: ala, width = 1e-06 m: contact force in N is " in err
+    assert "granphon: warning: ala, width = 1e-06 m: ala is not reliable below " in err
     assert listed(work) == {"scene.yaml"}
 
 
