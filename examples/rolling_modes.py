@@ -66,7 +66,7 @@ assert np.allclose((gears / glued.scales.frequency) ** 2, 160.0 / 3.0 * 0.03, rt
 print("gears of glued balls (kHz):", (gears / 1e3).round(2))
 
 with matplotlib.rc_context(STYLE):
-    figure, axes = plt.subplots(1, 3, figsize=(7.0, 2.9), dpi=300, layout="constrained", width_ratios=[1.25, 1.0, 1.0])
+    figure, axes = plt.subplots(1, 3, figsize=(7.0, 3.0), dpi=300, layout="constrained", width_ratios=[1.25, 1.0, 1.0])
     plot_mode(chain, (0.25,), 2, axes[0], cells=(5,))
     plot_mode(sc, R, 0, axes[1])
     plot_mode(bcc, (0.5, -0.5, 0.5), 0, axes[2], view=View(-62.0, 24.0))

@@ -399,7 +399,7 @@ def test_records_average_what_states_do():
 def test_a_path_costs_more_than_an_equilibrium():
     load = Load("overlap", np.array([0.1, 0.2]) * W)
     rest, pressed = (estimate(one, load) for one in (gp.DirectSimulation(PACKING, (64, 64)), simulation(shape=(64, 64))))
-    assert pressed.work > 2.0 * rest.work
+    assert pressed.work > 1.5 * rest.work
     assert pressed.memory > rest.memory
 
 

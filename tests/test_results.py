@@ -108,7 +108,16 @@ def test_results_are_frozen_and_their_arrays_read_only(results, name):
         (
             SoundVelocities,
             dict.fromkeys(
-                ["longitudinal", "transverse", "longitudinal_error", "transverse_error", "out_of_plane", "velocities"], "m/s"
+                [
+                    "longitudinal",
+                    "transverse",
+                    "longitudinal_error",
+                    "transverse_error",
+                    "out_of_plane",
+                    "twist",
+                    "velocities",
+                ],
+                "m/s",
             ),
         ),
         (
