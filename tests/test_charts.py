@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
+import packings
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -514,6 +516,98 @@ def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
 def test_forces_that_cannot_be_shown(simulated, ax, options, told):
     with pytest.raises(InputError, match=told):
         plot_forces(simulated.sample, ax, **options)
+
+
+def of_packing(name):
+    """A network of LAMMPS' disks in a periodic plane, or balls in a periodic space."""
+    glass = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
+    return gp.ContactNetwork.from_lammps(*(packings.FOLDER / f"{name}_{what}.dump" for what in ("atoms", "pairs")), glass)
+
+
+@pytest.mark.parametrize("name", ["disks", "balls"])
+def test_every_contact_of_a_network_is_a_line_as_wide_and_dark_as_its_force(name, ax):
+    network = of_packing(name)
+    assert plot_forces(network, ax) is ax
+    segments, values, widths = chains(ax)
+    inside = np.all(network.shift == 0, axis=1)
+    assert len(values) == np.count_nonzero(inside) + 2 * np.count_nonzero(~inside)
+    # in the order of the forces: whole lines inside, and across an edge two pieces that end where the balls touch
+    start, end = network.positions[network.i, :2], network.positions[network.j, :2]
+    at_i = (network.positions[network.i] + network.arm_i[:, None] * network.normal)[:, :2]
+    at_j = (network.positions[network.j] - network.arm_j[:, None] * network.normal)[:, :2]
+    pieces = [
+        np.stack(pair, axis=1)
+        for pair in ((start[inside], end[inside]), (start[~inside], at_i[~inside]), (end[~inside], at_j[~inside]))
+    ]
+    force = network.normal_force
+    forces = np.concatenate([force[inside], force[~inside], force[~inside]])
+    order = np.argsort(forces, kind="stable")
+    assert_allclose(values, forces[order], rtol=1e-12)
+    assert_allclose(segments, np.concatenate(pieces)[order], atol=1e-15)
+    assert_allclose(widths / widths[0], np.clip(values / force.mean(), 0.2, 4.0) / 0.2, rtol=1e-12)
+    (balls,) = [c for c in ax.collections if c.get_gid() == "balls"]
+    lowest = np.argsort(network.positions[:, 2], kind="stable")  # what is nearer hides what is farther
+    assert_allclose(balls.get_offsets(), network.positions[lowest, :2])
+    assert_allclose(balls.get_widths(), 2.0 * network.radii[lowest])
+    assert ax.get_aspect() == 1.0
+    assert ax.get_title() == f"{network.n_balls} balls, {network.n_contacts} contacts" + ", seen along $z$" * (
+        name == "balls"
+    )
+
+
+def test_a_network_is_drawn_with_its_units():
+    figure = gp.plot(of_packing("disks"))
+    ax, bar = figure.axes
+    assert figure.get_size_inches()[0] == 3.4
+    assert (ax.get_xlabel(), ax.get_ylabel(), bar.get_xlabel()) == ("$x$ (mm)", "$y$ (mm)", "Contact force (N)")
+    figure.canvas.draw()
+    written = dict(zip([one.get_text() for one in ax.get_xticklabels()], ax.get_xticks(), strict=True))
+    assert [written[one] for one in ("0", "5", "10")] == pytest.approx([0.0, 5e-3, 10e-3])
+    assert bar.get_xlim() == pytest.approx((0.0, of_packing("disks").normal_force.max()))
+
+
+def test_walls_and_a_row_of_balls_are_drawn(ax):
+    pressed = gp.Hexagon(PACKING, 3).at_side_force(30.0)
+    plot_forces(pressed.network, ax)
+    (walls,) = [c for c in ax.collections if c.get_gid() == "walls"]
+    assert len(walls.get_segments()) == np.count_nonzero(pressed.wall_forces)
+    assert ax.get_title().startswith("19 balls, ")
+    chain = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="chain"), shape=(9,)).at_force(2.0)
+    row = plot_forces(chain.sample.network)
+    assert (row.get_xlabel(), row.get_ylabel(), row.get_yticks().tolist()) == ("$x$ (mm)", "", [0.0])
+    assert_allclose(chains(row)[1], 2.0)
+    assert row.get_figure().get_figheight() < 2.0
+
+
+def test_of_a_large_network_the_density_or_a_window_is_drawn(wide, ax):
+    network = wide.sample.network
+    plot_forces(network, ax)
+    (mesh,) = ax.collections
+    assert mesh.get_gid() == "density"
+    corners, mean = np.asarray(mesh.get_coordinates()), np.ma.filled(mesh.get_array(), np.nan)
+    # each contact counts half at each of its balls
+    places, force = network.positions, network.normal_force
+    sums, counts = np.zeros(mean.shape), np.zeros(mean.shape)
+    for ball, one in [*zip(network.i, force, strict=True), *zip(network.j, force, strict=True)]:
+        column = np.searchsorted(corners[0, :, 0], places[ball, 0], "right") - 1
+        row = np.searchsorted(corners[:, 0, 1], places[ball, 1], "right") - 1
+        sums[row, column] += one
+        counts[row, column] += 1.0
+    assert_allclose(mean[counts > 0], sums[counts > 0] / counts[counts > 0], rtol=1e-9)
+    assert np.all(np.isnan(mean[counts == 0]))
+    window = plot_forces(network, window=(0.1, 0.02, 0.2, 0.06))
+    assert (*window.get_xlim(), *window.get_ylim()) == pytest.approx((0.1, 0.2, 0.02, 0.06))
+    with pytest.raises(InputError, match="Give edges inside the array, in m"):
+        plot_forces(network, window=(10.0, 0.0, 11.0, 1.0))
+
+
+def test_a_network_without_force_and_what_is_no_network(ax):
+    network = of_packing("disks")
+    still = replace(network, normal_force=0.0 * network.normal_force)
+    plot_forces(still, ax)
+    assert len(ax.get_figure().axes) == 1  # without a scale of forces
+    with pytest.raises(InputError, match=r"Give a sample, such as .*, or a gp.ContactNetwork"):
+        plot_forces(STEEL)
 
 
 def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated, ax):

@@ -1,9 +1,10 @@
-"""Figures of the contact forces of a simulated sample: force chains, and the distribution of forces."""
+"""Figures of the contact forces of a simulated sample or a network: force chains, and the distribution of forces."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 # before matplotlib, whose import this module guards
@@ -13,6 +14,7 @@ from granphon.figures.scales import FORCES
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, LineCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -23,20 +25,27 @@ from numpy.typing import NDArray
 from granphon.array.sample import Sample
 from granphon.base.arguments import finite_array
 from granphon.base.errors import InputError, brief, message
-from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION
+from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION, readable_unit
 from granphon.media.state import ContactState
+from granphon.networks.network import ContactNetwork
 
-__all__ = ["forces_figure", "plot_force_distribution", "plot_forces"]
+__all__ = ["forces_figure", "network_figure", "plot_force_distribution", "plot_forces"]
 
 Array = NDArray[np.float64]
 #: width of the line of a contact with the mean force, in diameters
 _MEAN_WIDTH = 0.15
 #: the greatest width of that line, in points
 _MOST_POINTS = 1.5
+#: the greatest width of any line of a network, in those of the mean force: one contact may carry all
+_WIDEST = 4.0
+#: colours of balls and of those that do not move, and of contacts without force and walls
+_BALL, _STILL, _IDLE = "0.95", "0.75", "0.55"
 #: difference of forces, over their mean, that is only rounding
 _SAME = 1e-10
 #: largest distance of a ball from the layer that is drawn, in diameters
 _LEVEL = 1e-6
+#: the largest number of lines that stay lines in files of vectors
+_MOST_VECTORS = 20_000
 #: the largest number of balls that are outlined
 _MOST_OUTLINED = 700
 #: what of the contacts may be shown
@@ -51,92 +60,126 @@ _WINDOW_HEIGHT, _LARGE_HEIGHT = 3.65, 3.1
 
 
 def plot_forces(
-    sample: Sample, ax: Axes | None = None, *, show: Show = "auto", window: Sequence[float] | None = None
+    sample: Sample | ContactNetwork,
+    ax: Axes | None = None,
+    *,
+    show: Show = "auto",
+    window: Sequence[float] | None = None,
 ) -> Axes:
-    """Draw the contact forces of a sample: a line from site to site, as wide and as dark as f/<f>; strong ones on top.
+    """Draw the contact forces of a sample or a network: a line from ball to ball, as wide and as dark as its force.
 
-    Rows of the periodic array are moved by whole periods to fill a rectangle. A contact across its edge is drawn on both
-    sides, and cut off there. Contacts that carry nothing are left out; small samples show their balls. Axes are in mean
-    diameters. Balls are drawn at their sites, as displacements, of the order of the spread, would not be seen. Of an array
-    in space one layer is drawn, through the first ball along a1 and a2; in fcc and hcp it is close-packed.
+    Strong contacts are on top. Of a sample the forces are over their mean. Rows of the periodic array are moved by whole
+    periods to fill a rectangle. A contact across its edge is drawn on both sides, and cut off there. Contacts that carry
+    nothing are left out; small samples show their balls. Axes are in mean diameters. Balls are drawn at their sites, as
+    displacements, of the order of the spread, would not be seen. Of an array in space one layer is drawn, through the first
+    ball along a1 and a2; in fcc and hcp it is close-packed.
+
+    Of a network the forces are in N and the axes in m, with prefixes. Balls have their radii; those that do not move are
+    darker. A contact across the edge of a period ends on both sides where the balls touch; one with a flat wall ends at a
+    short piece of the wall. Contacts without force are thin and grey. A network in space is seen along z.
 
     Parameters
     ----------
     show : "all" contacts; those in a "window" of the array; the "density" of the force, which is the mean over the contacts
         in each square of a coarse grid, those that carry nothing among them; or "auto", all contacts of arrays of up to 48
         diameters, and the density of larger ones, whose lines would be too thin to be told apart.
-    window : the left, lower, right and upper edge of the window, in diameters; by default the 24 diameters in the middle.
+    window : the left, lower, right and upper edge of the window, in diameters, or m of a network; by default the 24
+        diameters in the middle.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises :class:`~granphon.base.errors.InputError` for
-    another word, and for a window in which there is no ball.
+    another word, for a window in which there is no ball, and for what is neither a sample nor a network.
     """
     if show not in (*_SHOWS, "auto"):
         raise InputError(message(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto"))
-    layer = _Layer.of(sample)
+    layer = _find_layer(sample)
     if show == "auto":
-        show = "window" if window is not None else "all" if float(np.max(layer.size)) <= _MOST_DIAMETERS else "density"
+        small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
+        show = "window" if window is not None else "all" if small else "density"
+    edges = layer.edges if show != "window" else _choose_window(layer, window)
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            height = _choose_height(sample) if show != "window" or window is not None else _WINDOW_HEIGHT
+            height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
             figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
             return plot_forces(sample, figure.subplots(), show=show, window=window)
     figure = ax.get_figure()
-    edges = layer.edges if show != "window" else layer.choose_window(window)
     drawn = _draw_density(layer, ax) if show == "density" else _draw_chains(layer, ax, edges)
     left, bottom, right, top = edges
-    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    along, across = (
-        ("$x/d$", "$y/d$") if len(sample.shape) < 3 else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
-    )
-    ax.set(xlabel=along, ylabel=across, title=_write_title(sample))
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", title=layer.title)
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
-    if top - bottom < 2.0:
+        axis.set_major_locator(MaxNLocator(5, integer=isinstance(layer, _Layer), steps=[1, 2, 5, 10]))
+    layer.name_axes(ax)
+    if top - bottom < 2.0 * layer.diameter:
         ax.set_yticks([0.0])
-    label = "Contact force over its mean" + (f",\nmeans over {_write_square(layer)}" if show == "density" else "")
-    figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02, label=label)
+    if drawn.get_array() is not None:
+        bar = figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02)
+        layer.name_forces(bar.ax, f",\nmeans over {layer.write_square()}" if show == "density" else "")
     return ax
 
 
-def _draw_chains(layer: _Layer, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
+def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequence[float] | None = None) -> Figure:
+    """Draw a figure of the balls, contacts and forces of a network, one column wide; see :func:`plot_forces`.
+
+    ``window`` is in m.
+    """
+    figure: Any = plot_forces(network, show=show, window=window).get_figure()
+    return figure  # type: ignore[no-any-return]
+
+
+def _find_layer(sample: Any) -> _Layer | _Network:
+    """Return what is drawn of a sample or a network."""
+    if isinstance(sample, ContactNetwork):
+        return _Network.of(sample)
+    if isinstance(sample, Sample):
+        return _Layer.of(sample)
+    mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
+    raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
+
+
+def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> tuple[float, ...]:
+    """Return the edges of the window that is given, or of that in the middle; InputError if they are no edges."""
+    if given is None:
+        low, high = np.reshape(layer.edges, (2, 2))
+        middle, half = (low + high) / 2.0, np.minimum((high - low) / 2.0, _WINDOW / 2.0 * layer.diameter)
+        return (*(middle - half).tolist(), *(middle + half).tolist())
+    numbers = finite_array("window", given)
+    if numbers.shape != (4,) or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
+        raise InputError(message(f"window is {brief(given)}", mend="Give its left, lower, right and upper edge"))
+    return tuple(numbers.tolist())
+
+
+def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these edges, the left, lower, right and upper one, and their balls if there are few."""
     figure: Any = ax.get_figure()
     left, bottom, right, top = edges
     segments, forces = layer.make_lines(edges)
-    sites = layer.sites.reshape(-1, 2)
-    sites = sites[np.all((sites > [left - 0.5, bottom - 0.5]) & (sites < [right + 0.5, top + 0.5]), axis=1)]
+    sites, widths, colours = layer.make_balls(edges)
     if not sites.size or not forces.size:
-        raise InputError(message("no ball of the array is in the window", mend="Give edges inside the array, in diameters"))
+        raise InputError(
+            message("no ball of the array is in the window", mend=f"Give edges inside the array, in {layer.unit}")
+        )
     # printed size of a diameter, in points, estimated because the layout is not known yet
-    size = np.array([right - left, top - bottom])
+    size = np.array([right - left, top - bottom]) / layer.diameter
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
     if len(sites) <= _MOST_OUTLINED:
-        one, style = np.ones(len(sites)), {"facecolors": "none", "edgecolors": "0.7", "linewidths": 0.4}
-        place: dict[str, Any] = {"offsets": sites, "offset_transform": ax.transData, "gid": "balls"}
-        ax.add_collection(EllipseCollection(one, one, 0.0 * one, units="xy", **style, **place), autolim=False)
-    chains = LineCollection(list(segments), array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])), gid="forces")
-    chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * forces, capstyle="round")
+        style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
+        place = {"offsets": sites, "offset_transform": ax.transData}
+        ax.add_collection(EllipseCollection(widths, widths, 0.0 * widths, units="xy", **style, **place), autolim=False)
+    one = min(_MEAN_WIDTH * points, _MOST_POINTS)
+    layer.draw_rest(ax, edges, one)
+    chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=len(segments) > _MOST_VECTORS)
+    chains.set(linewidths=one * layer.find_widths(forces))
+    if forces[-1] > 0.0:
+        chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])))
+    else:
+        chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
 
 
-def _draw_density(layer: _Layer, ax: Axes) -> QuadMesh:
+def _draw_density(layer: _Layer | _Network, ax: Axes) -> QuadMesh:
     """Draw the mean force of the contacts in each square of a coarse grid."""
     across, along, density = layer.make_density()
     return ax.pcolormesh(across, along, density.T, cmap=FORCES, gid="density", rasterized=True)
-
-
-def _write_square(layer: _Layer) -> str:
-    """Return the size of the squares of the coarse grid in words."""
-    across, along, _ = layer.make_density()
-    sides = sorted({f"{float(edges[1] - edges[0]):.2g}" for edges in (across, along)})
-    return " x ".join(sides * (3 - len(sides))) + " $d$"
-
-
-def _choose_height(sample: Sample) -> float:
-    """Return the height of a figure, in inches, in which the array is 2.9 inches wide."""
-    rows, columns, *_ = (*sample.shape, 1)
-    return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
 
 
 @dataclass(frozen=True)
@@ -148,6 +191,7 @@ class _Layer:
     (n_c, 2) the vectors; ``forces`` (L1, L2, n_c) are over their mean.
     """
 
+    sample: Sample
     sites: Array
     ends: list[tuple[int, int]]
     shifts: list[list[int]]
@@ -155,6 +199,8 @@ class _Layer:
     forces: Array
     size: Array
     step: float
+    diameter = 1.0
+    unit = "diameters"
 
     @classmethod
     def of(cls, sample: Sample) -> _Layer:
@@ -183,7 +229,7 @@ class _Layer:
         steps = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2]
         ends = [(shown.index(i), shown.index(j)) for i, j in pairs]
         ways, size = table.normal[inside] @ plane, np.array([length, step * columns])
-        return cls(sites, ends, steps.tolist(), ways, forces, size, step)
+        return cls(sample, sites, ends, steps.tolist(), ways, forces, size, step)
 
     @property
     def edges(self) -> tuple[float, ...]:
@@ -191,26 +237,51 @@ class _Layer:
         bottom = float(np.min(self.sites[..., 1])) - 0.5 * self.step
         return (-0.25, bottom, float(self.size[0]) - 0.25, bottom + float(self.size[1]))
 
-    def choose_window(self, given: Sequence[float] | None) -> tuple[float, ...]:
-        """Return the edges of the window that is given, or of that in the middle; InputError if they are no edges."""
-        if given is None:
-            low, high = np.reshape(self.edges, (2, 2))
-            middle, half = (low + high) / 2.0, np.minimum((high - low) / 2.0, _WINDOW / 2.0)
-            return (*(middle - half).tolist(), *(middle + half).tolist())
-        numbers = finite_array("window", given)
-        if numbers.shape != (4,) or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
-            raise InputError(message(f"window is {brief(given)}", mend="Give its left, lower, right and upper edge"))
-        return tuple(numbers.tolist())
+    @property
+    def height(self) -> float:
+        """The height of a figure, in inches, in which the array is 2.9 inches wide."""
+        rows, columns, *_ = (*self.sample.shape, 1)
+        return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
+
+    @property
+    def title(self) -> str:
+        """The title: f* and a* (for equal balls the force, N), and N_c."""
+        return _write_title(self.sample)
+
+    def name_axes(self, ax: Axes) -> None:
+        """Label both axes."""
+        flat = len(self.sample.shape) < 3
+        along, across = ("$x/d$", "$y/d$") if flat else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
+        ax.set(xlabel=along, ylabel=across)
+
+    def name_forces(self, ax: Axes, more: str) -> None:
+        """Label the scale of the forces."""
+        ax.set_xlabel(f"Contact force over its mean{more}")
+
+    def write_square(self) -> str:
+        """Return the size of the squares of the coarse grid in words."""
+        return f"{_write_sides(self, 1.0)} $d$"
+
+    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
+        """Return the balls (n, 2) between the edges, their diameters (n,), and their colours."""
+        left, bottom, right, top = edges
+        sites = self.sites.reshape(-1, 2)
+        sites = sites[np.all((sites > [left - 0.5, bottom - 0.5]) & (sites < [right + 0.5, top + 0.5]), axis=1)]
+        return sites, np.ones(len(sites)), "none"
+
+    def find_widths(self, forces: Array) -> Array:
+        """Return the widths of lines (n,), in those of the mean force."""
+        return forces
+
+    def draw_rest(self, ax: Axes, edges: tuple[float, ...], one: float) -> None:
+        """Draw nothing else."""
 
     def make_density(self) -> tuple[Array, Array, Array]:
         """Return the edges (m + 1,), (n + 1,) of the squares of a coarse grid, and the mean force (m, n) in each.
 
         A contact counts half at each of its balls, so that none is lost at an edge of the periodic array.
         """
-        side = max(_LEAST_SQUARE, float(np.max(self.size)) / _MOST_SQUARES)
-        left, bottom, right, top = self.edges
-        counts = np.maximum(1, np.round(self.size / side)).astype(int)
-        grid = [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
+        grid = _make_grid(self)
         i, j = np.array(self.ends).T
         mean = [np.zeros(self.sites.shape[:3]) for _ in range(2)]  # sum of the forces at each ball, and number of contacts
         for contact, ((a, b), (p, q)) in enumerate(zip(self.shifts, zip(i.tolist(), j.tolist(), strict=True), strict=True)):
@@ -240,6 +311,154 @@ class _Layer:
         found = np.concatenate(values)
         order = np.argsort(found, kind="stable")
         return np.concatenate(lines)[order], found[order]
+
+
+@dataclass(frozen=True)
+class _Network:
+    """What is drawn of a network, seen along z: ``lines`` (n, 2, 2), m, with ``forces`` (n,), N, ascending; and balls."""
+
+    network: ContactNetwork
+    lines: Array
+    forces: Array
+    unit = "m"
+
+    @classmethod
+    def of(cls, network: ContactNetwork) -> _Network:
+        places, radii = network.positions, network.radii
+        flat = [np.isinf(radii[end]) for end in (network.i, network.j)]
+        middle = [places[end] + sign * arm[:, None] * network.normal for end, arm, sign in (
+            (network.i, network.arm_i, 1.0), (network.j, network.arm_j, -1.0)
+        )]  # fmt: skip
+        apart = np.any(network.shift != 0, axis=1) | flat[0] | flat[1]
+        whole = np.stack([places[network.i], places[network.j]], axis=1)[~apart]
+        parts = [
+            np.stack([places[end], touch], axis=1)[apart & ~wall]
+            for end, touch, wall in zip((network.i, network.j), middle, flat, strict=True)
+        ]
+        force = network.normal_force
+        forces = np.concatenate([force[~apart], *(force[apart & ~wall] for wall in flat)])
+        order = np.argsort(forces, kind="stable")
+        return cls(network, np.concatenate([whole, *parts])[order][..., :2], forces[order])
+
+    @cached_property
+    def round(self) -> NDArray[np.bool_]:
+        """(n,) whether each body is a ball, and not a flat wall."""
+        return np.isfinite(self.network.radii)
+
+    @cached_property
+    def diameter(self) -> float:
+        """The mean diameter of the balls, m."""
+        return float(2.0 * np.mean(self.network.radii[self.round]))
+
+    @cached_property
+    def edges(self) -> tuple[float, ...]:
+        """The left, lower, right and upper edge, m, a little outside the balls."""
+        places, radii = self.network.positions[self.round, :2], self.network.radii[self.round, None]
+        low, high = np.min(places - radii, axis=0), np.max(places + radii, axis=0)
+        margin = max(0.1 * self.diameter, 0.02 * float(np.max(high - low)))
+        return (*(low - margin).tolist(), *(high + margin).tolist())
+
+    @property
+    def size(self) -> Array:
+        """Lengths of the sides, m."""
+        return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
+
+    @property
+    def height(self) -> float:
+        """The height of a figure, in inches, in which the network is 2.9 inches wide."""
+        return 1.3 + float(np.clip(2.75 * self.size[1] / self.size[0], 0.35, 6.0))
+
+    @property
+    def title(self) -> str:
+        """How many balls and contacts there are."""
+        along = ", seen along $z$" if self.network.dimension == 3 else ""
+        return f"{np.sum(self.round)} balls, {self.network.n_contacts} contacts{along}"
+
+    def name_axes(self, ax: Axes) -> None:
+        """Label both axes with the unit in which their numbers are short."""
+        _name_unit(ax.xaxis, "$x$", float(np.max(self.size)), "m")
+        if self.network.dimension > 1:
+            _name_unit(ax.yaxis, "$y$", float(np.max(self.size)), "m")
+
+    def name_forces(self, ax: Axes, more: str) -> None:
+        """Label the scale of the forces with their unit."""
+        _name_unit(ax.xaxis, "Contact force", ax.get_xlim()[1], "N", more)
+
+    def write_square(self) -> str:
+        """Return the size of the squares of the coarse grid in words."""
+        size, name = readable_unit(float(np.max(self.size)), "m")
+        return f"{_write_sides(self, size)} {name}"
+
+    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
+        """Return the balls (n, 2) between the edges, m, their diameters (n,), and their colours; the lowest come first."""
+        places, reach = self.network.positions[:, :2], self.network.radii[:, None]
+        inside = self.round & np.all((places + reach > edges[:2]) & (places - reach < edges[2:]), axis=1)
+        shown = np.flatnonzero(inside)
+        shown = shown[np.argsort(self.network.positions[shown, 2], kind="stable")]
+        moving = self.network.moving[shown]
+        return places[shown], 2.0 * self.network.radii[shown], np.where(moving, _BALL, _STILL).tolist()
+
+    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return lines (n, 2, 2), m, and forces (n,), N, ascending, of contacts near the ``edges``."""
+        low, high = np.array(edges[:2]) - self.diameter, np.array(edges[2:]) + self.diameter
+        near = np.all((self.lines > low) & (self.lines < high), axis=(1, 2))
+        return self.lines[near], self.forces[near]
+
+    def find_widths(self, forces: Array) -> Array:
+        """Return the widths of lines (n,), in those of the mean force; that of the thinnest is a fifth of it."""
+        mean = float(np.mean(self.network.normal_force)) if self.network.n_contacts else 0.0
+        return np.clip(forces / mean, 0.2, _WIDEST) if mean > 0.0 else np.full(len(forces), 0.2)
+
+    def draw_rest(self, ax: Axes, edges: tuple[float, ...], one: float) -> None:
+        """Draw a piece of a flat wall at each contact with it."""
+        network = self.network
+        ends = ((network.i, network.j, network.arm_j, -1.0), (network.j, network.i, network.arm_i, 1.0))
+        pieces = list[Array]()
+        for wall, ball, arm, sign in ends:
+            at = np.isinf(network.radii[wall]) & np.isfinite(network.radii[ball])
+            normal = network.normal[at, :2]
+            touch = network.positions[ball[at], :2] + sign * arm[at, None] * normal
+            across = 0.5 * network.radii[ball[at], None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+            pieces.append(np.stack([touch - across, touch + across], axis=1))
+        ax.add_collection(
+            LineCollection(list(np.concatenate(pieces)), colors=_IDLE, linewidths=1.0, gid="walls"), autolim=False
+        )
+
+    def make_density(self) -> tuple[Array, Array, Array]:
+        """Return the edges (m + 1,), (n + 1,) of the squares of a coarse grid, and the mean force (m, n), N, in each.
+
+        A contact counts half at each of its balls.
+        """
+        network, grid = self.network, _make_grid(self)
+        sums, number = np.zeros(network.n_balls), np.zeros(network.n_balls)
+        for end in (network.i, network.j):
+            np.add.at(sums, end, network.normal_force)
+            np.add.at(number, end, 1.0)
+        x, y = network.positions[self.round, :2].T
+        total, count = (np.histogram2d(x, y, grid, weights=each[self.round])[0] for each in (sums, number))
+        with np.errstate(invalid="ignore"):
+            return grid[0], grid[1], total / count  # not a number, and so white, where no ball is
+
+
+def _name_unit(axis: Axis, label: str, most: float, unit: str, more: str = "") -> None:
+    """Label an axis, whose data are in an SI ``unit``, with the multiple of it that suits the largest number."""
+    size, name = readable_unit(most, unit)
+    axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
+    axis.set_label_text(f"{label} ({name}){more}")
+
+
+def _make_grid(layer: _Layer | _Network) -> list[Array]:
+    """Return the edges (m + 1,) and (n + 1,) of the squares over which forces are averaged."""
+    side = max(_LEAST_SQUARE * layer.diameter, float(np.max(layer.size)) / _MOST_SQUARES)
+    left, bottom, right, top = layer.edges
+    counts = np.maximum(1, np.round(layer.size / side)).astype(int)
+    return [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
+
+
+def _write_sides(layer: _Layer | _Network, unit: float) -> str:
+    """Return the sides of the squares of the coarse grid, in a unit of length."""
+    sides = sorted({f"{float(edges[1] - edges[0]) / unit:.2g}" for edges in _make_grid(layer)})
+    return " x ".join(sides * (3 - len(sides)))
 
 
 def _write_title(sample: Sample) -> str:
@@ -286,11 +505,11 @@ def forces_figure(state: ContactState) -> Figure:
     layer = _Layer.of(sample)
     large = float(np.max(layer.size)) > _MOST_DIAMETERS
     with matplotlib.rc_context(STYLE):
-        height = _LARGE_HEIGHT if large else _choose_height(sample)
+        height = _LARGE_HEIGHT if large else layer.height
         figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
         *arrays, last = figure.subplots(1, 2 + large)
         if large:
-            edges = layer.choose_window(None)
+            edges = _choose_window(layer, None)
             plot_forces(sample, arrays[0], show="density")
             left, bottom, right, top = edges
             marked: dict[str, Any] = {"fill": False, "color": VERMILION, "linewidth": 1.0, "gid": "window"}
