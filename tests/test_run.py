@@ -434,7 +434,7 @@ def test_what_no_run_has_written_is_not_removed(work):
 
 @pytest.mark.exhaustive
 def test_a_long_summary_hides_no_file_of_the_earlier_run(work):
-    names = ", ".join(f"{0.5 + 0.001 * n:.3f} um" for n in range(900))
+    names = ", ".join(f"{0.5 + 0.001 * n:.3f} um" for n in range(1000))
     text = SWEEP.replace("[1 um, 2 um]", f"[{names}]").replace("points: 6", "points: 2").replace("[ala, afa, ema]", "ala")
     Scene.from_text(text).run("out", figures=False)
     assert (work / "out" / "summary.yaml").stat().st_size > 100_000

@@ -188,4 +188,6 @@ def over_directions(velocities: Array, along: Array) -> Array:
 def compute_velocities(moduli: Array, density: ArrayLike) -> Array:
     """Return v_L and v_T, (..., 2), m/s, from K and G, (..., 2), Pa, and the density, kg/m^3 (equation 16)."""
     bulk, shear = np.moveaxis(moduli, -1, 0)
+    # a sample that resists no shear has a modulus of zero, to rounding
+    shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
     return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))
