@@ -193,6 +193,17 @@ def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_tic
     assert_allclose([float(label) for label in labels], ticks, rtol=1e-5)
 
 
+@pytest.mark.parametrize("apart", [2e-16, 1e-14, 1e-10])
+def test_an_axis_of_values_that_differ_by_rounding_goes_a_twentieth_to_either_side(ax, apart):
+    values = 0.1 * np.array([1.0, 1.0 + apart])
+    ax.plot([1.0, 2.0], values)
+    ax.margins(0.1)
+    scales.scale_axis(ax, "y", values)
+    assert_allclose(ax.get_ylim(), [0.095, 0.105], rtol=1e-9)
+    ax.figure.draw_without_rendering()
+    assert ax.get_tightbbox().height < 1.1 * ax.figure.bbox.height
+
+
 @pytest.mark.parametrize(
     ("values", "unit", "label", "size"),
     [

@@ -74,6 +74,8 @@ MOTION = matplotlib.colormaps["RdBu_r"]
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
 #: least and largest value of a logarithmic axis; the squares of what is farther from one are beyond floating point
 _LEAST, _LARGEST = 1e-150, 1e150
+#: relative distance below which values of a logarithmic axis are one, and the part of it that is then shown each way
+_ROUNDING, _AROUND = 1e-9, 0.05
 #: units that take prefixes on an axis, where the largest value is not between these two numbers
 _PREFIXED, _SMALL, _LARGE = ("m", "N", "N/m", "Pa"), 1e-2, 1e5
 
@@ -99,6 +101,9 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
     axis.set_minor_formatter(NullFormatter())
+    if span < 1.0 + _ROUNDING:  # on an axis from rounding to rounding, ticks and frame land anywhere
+        low, high = axis.get_view_interval()
+        ax.set(**{f"{which}lim": (min(low, there.min() * (1.0 - _AROUND)), max(high, there.max() * (1.0 + _AROUND)))})
 
 
 def name_axis(ax: Axes, which: str, values: Array, label: str, unit: str) -> None:
