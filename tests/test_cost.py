@@ -115,7 +115,7 @@ def test_the_kinds_of_load_agree():
         overlap = (spacing - 0.5) * WIDTH
         state = medium.at_overlap(overlap)
         loads = {"overlap": overlap, "force": state.force, "pressure": state.pressure}
-        force, *rest = [cost._estimate_reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
+        force, *rest = [estimate_reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
         for other in rest:
             assert force == pytest.approx(other, rel=0.02)
             assert other == pytest.approx(state.reduced_force, rel=1e-12)

@@ -42,7 +42,7 @@ __all__ = ["SHEAR_RESPONSES", "ContinuedHistory", "PressedEquilibrium", "Pressed
 
 Array = NDArray[np.float64]
 #: the choices of the tangential stiffness under sound; the first is the default
-SHEAR_RESPONSES = ("slide", "stick", "partial_slip")
+SHEAR_RESPONSES = ("stick", "slide", "partial_slip")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -227,6 +227,12 @@ class VelocityModel:
         own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
         return np.log([own[name] for name in self.names])
 
+    def settle_geometry(self, logs: Array) -> VelocityModel:
+        """Return the model with one geometry for its samples: that at ``logs``, exact if it is so at one of the forces."""
+        choice = self.choice.settle(self._make_packing(logs), Load("force", self.force), self.waves.finite_overlap)
+        finite_overlap = choice.has_finite_overlap(self.waves.finite_overlap)
+        return replace(self, choice=choice, waves=replace(self.waves, finite_overlap=finite_overlap))
+
     @property
     def _scales(self) -> bool:
         """Whether one curve of samples, in reduced units, serves all widths, moduli and diameters."""

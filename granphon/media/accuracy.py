@@ -167,6 +167,10 @@ class Accuracy:
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
         return _explain_uncovered_truth(part, packing.mindlin_ratio, truth)
 
+    def ratio(self, packing: Packing, truth: Truth = REST) -> float:
+        """Return W/d of the arrays that the errors of a packing were measured of; zero in the directions of the lattice."""
+        return float((self._of(packing.structure, truth) or {}).get("ratio", 0.0))
+
     def least(self, packing: Packing, kind: str, truth: Truth = REST) -> float:
         """Return the least load from which errors are known: a* for the kind "overlap", f* for the others.
 

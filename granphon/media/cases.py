@@ -21,6 +21,7 @@ class Case:
     """One medium on one packing, at all values of an applied load.
 
     ``where`` names the swept parameters of the packing with their values, in words; empty if none is swept.
+    ``finite_overlap`` says whether terms of relative order delta/d are asked for.
     """
 
     where: str
@@ -66,7 +67,7 @@ class Grid:
     def cases(self) -> tuple[Case, ...]:
         """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an impossible packing."""
         return tuple(
-            Case(where, packing, medium, self.load, medium.has_finite_overlap(self.finite_overlap))
+            Case(where, packing, medium, self.load, self.finite_overlap)
             for where, packing in combine(self.packing, self.axes)
             for medium in self.media
         )

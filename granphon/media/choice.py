@@ -18,9 +18,10 @@ from granphon.base.validation import block, choice, number, read_inside, real_nu
 from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
-from granphon.media.loading import EXACT, HISTORY_OPTIONS, LATTICE, START_SPACING, read_start, refuse_without_history
+from granphon.media.left_out import EXACT, LATTICE
+from granphon.media.loading import HISTORY_OPTIONS, START_SPACING, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.medium import Loaded, Medium, Option
+from granphon.media.medium import Loaded, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.sizes_and_times import MOMENT, solving_time
@@ -55,9 +56,10 @@ class AutoMedium(Loaded[ContactState]):
 
     Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`, against
     simulated arrays, the :attr:`truth`: at rest without friction, or, with ``friction_history``, loaded with friction from
-    the default start. A simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular
-    lattice, and a cube of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one
-    medium that is accurate enough at all of these loads; :meth:`rungs` chooses for each load.
+    the default start; what the directions of the lattice leave out at the W/d of the packing is added. A simulation has one
+    sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube of 96 diameters in
+    fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate enough at all of
+    these loads; :meth:`rungs` chooses for each load.
 
     Parameters
     ----------
@@ -98,7 +100,7 @@ class AutoMedium(Loaded[ContactState]):
 
     def __init__(
         self, packing: Packing, tolerance: float = 1e-3, friction_history: bool = False,
-        friction_coefficient: float | None = None, shear_response: str = "slide",
+        friction_coefficient: float | None = None, shear_response: str = REST.shear_response,
     ) -> None:  # fmt: skip
         object.__setattr__(self, "packing", given_packing(packing))
         object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))
@@ -202,14 +204,13 @@ class MediumChoice:
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
 
-        A history of friction is left out where there is none, with its options, and so is the lattice's own geometry.
+        A history of friction is left out where there is none, with its options, and so is a geometry that is not named.
         """
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
         if not self.truth.is_loaded:
-            plain = {*HISTORY_OPTIONS, *["geometry"] * (found.get("geometry") == LATTICE)}
-            found = {name: value for name, value in found.items() if name not in plain}
+            found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
         start = found.get("start", 0.0)
         if isinstance(start, Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
@@ -241,19 +242,38 @@ class MediumChoice:
 
     @property
     def is_exact(self) -> bool:
-        """Whether it simulates balls in their exact geometry, which have finite overlap whether or not it is asked for."""
-        return bool(self.settings.get("geometry") == EXACT)
+        """Whether it simulates balls in their exact geometry, which have finite overlap whether or not it is asked for.
+
+        That is so by name, or after a history of friction; otherwise the geometry is left to the load (:meth:`by_geometry`).
+        """
+        named = dict(self.options).get("geometry")
+        return named == EXACT or (named is None and self.simulates and self.truth.is_loaded)
 
     def has_finite_overlap(self, asked: bool) -> bool:
         """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
         return asked or self.is_exact
+
+    def by_geometry(
+        self, packing: Packing, load: Load, finite_overlap: bool = False
+    ) -> list[tuple[MediumChoice, list[int]]]:
+        """Return the choice in each geometry, by word, that the medium of a packing has at values of a load, and places."""
+        medium = self.of(packing)
+        return [
+            (self if one is medium else MediumChoice(self.name, (*self.options, *one.named_geometry)), places)
+            for one, places in medium.by_geometry(load, finite_overlap or None)
+        ]
+
+    def settle(self, packing: Packing, load: Load, finite_overlap: bool = False) -> MediumChoice:
+        """Return the choice in one geometry: exact if it is :meth:`by_geometry` at any value of the load."""
+        found = self.by_geometry(packing, load, finite_overlap)
+        return next((one for one, _ in found if one.is_exact), found[0][0])
 
     @property
     def is_automatic(self) -> bool:
         """Whether it is an :class:`AutoMedium`, which leaves the choice to the load."""
         return self.name == AutoMedium.name
 
-    def of(self, packing: Packing) -> Medium:
+    def of(self, packing: Packing) -> _AnyMedium:
         """Return the medium for this packing."""
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
@@ -304,6 +324,13 @@ class Rung:
         state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
         return replace(state, chosen=True) if self.chosen else state
 
+    def by_geometry(self, finite_overlap: bool = False) -> list[Rung]:
+        """Return a rung for each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
+        found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
+        if len(found) == 1:
+            return [replace(self, medium=found[0][0])]
+        return [replace(self, medium=one, loads=self.loads[places], load=self.load[places]) for one, places in found]
+
     @cached_property
     def errors(self) -> Array:
         """Expected relative error at each load, (n,).
@@ -342,12 +369,12 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if a medium is, or may become, a simulation.
+    """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of finite overlap.
 
-    A simulation has no terms of finite overlap.
+    It has none in the directions of the lattice, which an automatic medium may choose.
     """
     for one in media:
-        if one.is_automatic or (one.simulates and not one.is_exact):
+        if one.is_automatic or one.settings.get("geometry") == LATTICE:
             raise no_finite_overlap(one.label)
 
 

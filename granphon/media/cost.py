@@ -28,10 +28,10 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.media.equilibria import reduce_load
 from granphon.media.history_cost import estimate_history
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
+from granphon.media.typical_arrays import estimate_reduced_force, estimate_spacing, find_spacing
 
 __all__ = [
     "Cost",
@@ -66,18 +66,6 @@ _ROTATING_FACTOR_BYTES = 4900.0
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
-#: a* of uniform diameters in the plane and in space, between which the f* of loads given as overlaps is interpolated, and f*
-#: at each of these a*; on a line the law is that of equal balls
-_CURVES = {
-    2: (
-        np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0]),
-        np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678]),
-    ),
-    3: (
-        np.array([0.3357, 0.3607, 0.3941, 0.4377, 0.4935, 0.6557, 0.9289]),
-        np.array([3e-3, 5.33e-3, 9.49e-3, 1.69e-2, 3e-2, 9.49e-2, 0.3]),
-    ),
-}
 #: least f* of an estimate
 _LEAST_FORCE = 5e-5
 #: time of an equilibrium per ball with one, two and three periods, over that on the triangular lattice
@@ -285,6 +273,9 @@ def estimate(
     local exponent is found. A load below the rigidity threshold is taken to be at the threshold. With a history of friction
     the time follows from the steps of the load and from what each takes at the friction coefficient.
     """
+    if simulation.geometry is None:
+        parts = simulation.by_geometry(load)
+        return sum((estimate(one, load.flat[places], moduli, exponents) for one, places in parts), Cost())
     balls, count = simulation.balls, load.size * simulation.samples
     packing, structure = simulation.packing, simulation.packing.structure
     turning, periods = moduli and packing.ball_motions.rotate, structure.periods
@@ -294,7 +285,7 @@ def estimate(
     memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES)[periods] + green + kept)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
-    force = np.maximum(_estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
+    force = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
     if periods > 1 and np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[periods - 1]:
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
     # on a line no contact opens, and no load is near a threshold
@@ -309,7 +300,7 @@ def estimate(
     work, bounds = slow * float(np.sum(rest + linear + beside)), False
     if (loading := simulation.loading) is not None:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
-        spacings = _estimate_spacing(packing, load.applied)
+        spacings = estimate_spacing(packing, load.applied)
         path = spacings if loading.ordered else np.sort(spacings)
         work, bounds = estimate_history(loading, balls, path, _find_start(packing, loading.start), exponents)
         work += (1.0 + 2.0 * exponents) * float(np.sum(linear))
@@ -322,46 +313,15 @@ def _find_start(packing: Packing, start: Prescribed | str) -> float:
     """Return the approximate a* at which a history starts; that of the default for the gas, whose own is not known."""
     if not isinstance(start, Prescribed):
         return START_SPACING
-    return float(_find_spacing(packing, np.array([start.force]))[0]) if start.overlap is None else start.overlap + 0.5
-
-
-def _estimate_spacing(packing: Packing, load: Load) -> Array:
-    """Return the approximate a* of each value of an applied load."""
-    reduced = np.ravel(reduce_load(packing, load))
-    return reduced if load.kind == "overlap" else _find_spacing(packing, reduced)
-
-
-def _find_spacing(packing: Packing, force: Array) -> Array:
-    """Return the approximate a* of reduced forces."""
-    hertz = 0.5 + force ** (2.0 / 3.0)
-    if packing.structure.periods not in _CURVES:
-        return hertz
-    known, forces = _CURVES[packing.structure.periods]
-    return np.where(force > forces[-1], hertz, np.interp(force, forces, known))
+    return float(find_spacing(packing, np.array([start.force]))[0]) if start.overlap is None else start.overlap + 0.5
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:
     """Return the mean contact force (n,), N, at each value of an applied load, about: no array is simulated."""
     if packing.width:
-        reduced = np.maximum(_estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
+        reduced = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
         return np.asarray(reduced * packing.width_units.force)
     return np.ravel(AveragedLattice(packing).at(load.applied).force)
-
-
-def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
-    """Return the approximate f* of each value of an applied load."""
-    reduced = np.ravel(reduce_load(packing, load))
-    return _find_force(packing, reduced) if load.kind == "overlap" else reduced
-
-
-def _find_force(packing: Packing, spacing: Array) -> Array:
-    """Return the approximate f* of reduced spacings."""
-    hertz = np.asarray(np.maximum(spacing - 0.5, 0.0) ** 1.5)
-    if packing.structure.periods not in _CURVES:
-        return hertz
-    known, forces = _CURVES[packing.structure.periods]
-    near = np.exp(np.interp(np.log(np.maximum(spacing, known[0])), np.log(known), np.log(forces)))
-    return np.where(spacing > known[-1], hertz, near)
 
 
 def _estimate_effort(force: ArrayLike) -> Array:

@@ -17,7 +17,7 @@ from granphon.array.equilibrium import (
     explain_too_small,
 )
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.true_equilibrium import equilibrate_in_truth
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -97,14 +97,15 @@ def find_equilibria(
 ) -> dict[int, Equilibrium]:
     """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of the load.
 
-    Each is found from the equilibrium at the next higher load. A ``ratio`` W/d above zero means the true geometry. An error
-    carries the index of its load as ``load_index``.
+    Each is found from the equilibrium at the next higher load. A ``ratio`` W/d above zero means the true geometry. There
+    each is found from that on the lattice under the same load: where loose balls come to rest depends on where they begin,
+    and must not depend on the other loads. An error carries the index of its load as ``load_index``.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     out, last = dict[int, Equilibrium](), None
     for place in sort_by_load(prescribed):
         try:
-            last = out[place] = _equilibrate(deviations, prescribed[place], stencils, last, ratio)
+            last = out[place] = _equilibrate(deviations, prescribed[place], stencils, None if ratio else last, ratio)
             _ = last.stiffness  # every state needs it: found here, it is found in parallel
         except GranphonError as error:
             error.load_index = place
@@ -119,13 +120,10 @@ def find_equilibrium(
 ) -> Equilibrium:  # fmt: skip
     """Find the equilibrium of a sample with these ``deviations`` under one load.
 
-    The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None.
+    The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None, or the
+    geometry is the true one: see :func:`find_equilibria`.
     """
-    start: Equilibrium | None = None
-    if before is not None and ratio:
-        start = TrueEquilibrium(deviations, *before, lattice=lattice, ratio=ratio)
-    elif before is not None:
-        start = Equilibrium(deviations, *before, lattice=lattice)
+    start = None if before is None or ratio else Equilibrium(deviations, *before, lattice=lattice)
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     return _equilibrate(deviations, prescribed, stencils, start, ratio)
 

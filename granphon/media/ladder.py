@@ -18,6 +18,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.media.accuracy import FRICTIONLESS, REST, Truth, accuracy
 from granphon.media.equilibria import reduce_load
+from granphon.media.left_out import EXACT, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.sizes_and_times import SIDES, even_shape, rough_time
@@ -55,24 +56,36 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: 
     It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
     every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays that
     were loaded with friction is what these differ by, and the chance in its samples.
+
+    The arrays of the truth have true directions at the W/d of the packing. To the errors of the table, which were measured
+    at another W/d, is added the part of the transverse velocity by which the truth differs from that at this one: half of
+    that of the shear modulus. To the chance of a simulation is added what its own directions leave out.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)
+    deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
     known, own = accuracy(), choice.truth
     loaded_otherwise = own.is_loaded and not _takes_samples_of(choice, against)
     if choice.name not in known.media() or choice.settings.get("local_field") == "paper" or loaded_otherwise:
         return np.full(load.shape, np.inf)
     medium = choice.of(packing)
+    ratio = known.ratio(packing, against)
+    elsewhere = 0.5 * np.abs(deficit - expect_shear_deficit(packing, load, against.is_loaded, ratio).reshape(load.shape))
     if not isinstance(medium, DirectSimulation):
-        return known.error(choice.name, packing, load, truth=against)
+        return known.error(choice.name, packing, load, truth=against) + elsewhere
     chance = known.error(choice.name, packing, load, medium.balls * medium.samples, own)
-    return chance if own == against else known.error(FRICTIONLESS, packing, load, truth=against) + chance
+    if own == against:
+        return chance + 0.5 * find_left_out(deficit, medium.geometry)
+    rest = expect_shear_deficit(packing, load).reshape(load.shape)
+    apart = known.error(FRICTIONLESS, packing, load, truth=against) + elsewhere
+    return apart + chance + 0.5 * find_left_out(rest, medium.geometry)
 
 
 def _takes_samples_of(choice: MediumChoice, against: Truth) -> bool:
     """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
-    given = {option for option, _ in choice.options}
-    return choice.truth == against and given <= {*_SAMPLE_OPTIONS, *against.options}
+    given = dict(choice.options)
+    exact = given.pop("geometry", EXACT) == EXACT
+    return choice.truth == against and exact and given.keys() <= {*_SAMPLE_OPTIONS, *against.options}
 
 
 def require_known(packing: Packing, against: Truth) -> None:

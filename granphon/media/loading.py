@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +25,17 @@ from granphon.base.results import read_only
 from granphon.base.text import show
 from granphon.base.validation import choice, number, real_number, require, truth
 from granphon.media.equilibria import prescribe, require_load
+from granphon.media.left_out import EXACT, GEOMETRIES, LATTICE, can_be_exact, choose_geometries
 from granphon.media.medium import Option
 from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
-    "EXACT", "HISTORY_OPTIONS", "LATTICE", "LOADING_OPTIONS", "START_SPACING", "LoadedBalls", "Loading", "Pressed",
-    "find_ratio", "press", "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history",
+    "HISTORY_OPTIONS", "LOADING_OPTIONS", "START_SPACING", "LoadedBalls", "Loading", "Pressed", "find_ratio",
+    "press", "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history",
     "require_above", "require_path",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-#: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
-LATTICE, EXACT = "lattice", "exact"
-_read_geometry = partial(choice, options=(LATTICE, EXACT))
 #: least and greatest reduced spacing a* that may be given as a start
 _STARTS = (-1.0, 1e6)
 #: fraction by which rounding may put a load below the start
@@ -127,6 +125,11 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     return found
 
 
+def read_geometry(value: Any) -> str | None:
+    """Read the name of a geometry; None leaves it to the load. It is a rule of :mod:`granphon.base.validation`."""
+    return None if value is None else choice(value, options=GEOMETRIES)
+
+
 #: the options that have no meaning without friction_history
 LOADING_OPTIONS: Mapping[str, Option] = {
     "friction_coefficient": Option(None, read_friction_coefficient),
@@ -164,7 +167,7 @@ def refuse_without_history(options: Mapping[str, Any]) -> None:
 
 
 def read_loading(
-    packing: Packing, friction_history: bool, geometry: str, options: Mapping[str, Any]
+    packing: Packing, friction_history: bool, geometry: str | None, options: Mapping[str, Any]
 ) -> tuple[Loading | None, dict[str, Any]]:
     """Return the loading that the options of a simulation describe, None without a history; and the options as read.
 
@@ -172,7 +175,7 @@ def read_loading(
     meaning for the packing.
     """
     require("DirectSimulation", refuse_without_history, {"friction_history": friction_history, **options})
-    ratio = find_ratio(packing, require("geometry", _read_geometry, geometry))
+    ratio = find_ratio(packing, geometry)
     if not friction_history:
         return None, dict(options)
     given = read_history_options(options)
@@ -186,13 +189,13 @@ def read_loading(
     return Loading(packing.mindlin_ratio, **{**given, "start": given_start}, ratio=ratio), given
 
 
-def find_ratio(packing: Packing, geometry: str) -> float:
-    """Return W/d for the exact geometry, and zero for that of the lattice.
+def find_ratio(packing: Packing, geometry: str | None) -> float:
+    """Return W/d for the exact geometry, and zero for that of the lattice, or where the load decides.
 
     Raises :class:`~granphon.base.errors.InputError` where the exact one is that of the lattice: of equal balls, on a line;
     and where balls differ too much for it.
     """
-    if geometry == LATTICE:
+    if geometry != EXACT:
         return 0.0
     if not packing.spread_matters:
         what = "on a line" if packing.width else "of equal balls"
@@ -220,14 +223,14 @@ class LoadedBalls(SampledBalls):
 
     friction_history: bool = False
     friction_coefficient: float | None = None
-    geometry: str = LATTICE
+    geometry: str | None = None
     start: float | Load | str | None = None
     shear_response: str = SHEAR_RESPONSES[0]
     step_tolerance: float = REFINEMENT_TOLERANCE
     ordered: bool = False
 
     options: ClassVar[Mapping[str, Option]] = {
-        **SampledBalls.options, "geometry": Option(geometry, _read_geometry), **HISTORY_OPTIONS,
+        **SampledBalls.options, "geometry": Option(geometry, read_geometry), **HISTORY_OPTIONS,
     }  # fmt: skip
 
     #: how samples are loaded with friction; None if they come to rest without
@@ -237,8 +240,13 @@ class LoadedBalls(SampledBalls):
         super().__post_init__()
         history = read_history_options({"friction_history": self.friction_history})
         options = {name: getattr(self, name) for name in LOADING_OPTIONS}
-        loading, read = read_loading(self.packing, history["friction_history"], self.geometry, options)
-        for name, value in {**history, **read, "loading": loading}.items():
+        geometry = require("geometry", read_geometry, self.geometry)
+        if geometry is None and not can_be_exact(self.packing):
+            geometry = LATTICE
+        elif geometry is None and history["friction_history"]:
+            geometry = EXACT  # otherwise the load decides
+        loading, read = read_loading(self.packing, history["friction_history"], geometry, options)
+        for name, value in {**history, **read, "geometry": geometry, "loading": loading}.items():
             object.__setattr__(self, name, value)
         self._require_start()
 
@@ -260,8 +268,26 @@ class LoadedBalls(SampledBalls):
 
     @property
     def is_exact(self) -> bool:
-        """Whether contacts have the geometry of the displaced balls, and so finite overlap."""
+        """Whether contacts have the geometry of the displaced balls, and so finite overlap, whatever the load."""
         return self.geometry == EXACT
+
+    @property
+    def named_geometry(self) -> tuple[tuple[str, str], ...]:
+        """The option that names the geometry, with its value."""
+        return (("geometry", self.geometry),) if self.geometry is not None else ()
+
+    def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
+        """Return this simulation in each geometry, by word, that it has at values of an applied load, and their places.
+
+        Where no geometry is named, each load has its own (:func:`~granphon.media.left_out.choose_geometries`).
+        """
+        if self.geometry is not None:
+            return [(self, list(range(load.size)))]
+        words = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        return [
+            (replace(self, geometry=word), [place for place, one in enumerate(words) if one == word])
+            for word in dict.fromkeys(words)
+        ]
 
     @property
     def resists_slip(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 from numpy.typing import ArrayLike
 
@@ -67,6 +67,15 @@ class Loaded(ABC, Generic[StateT]):
     name: ClassVar[str]
     # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
+
+    @property
+    def named_geometry(self) -> tuple[tuple[str, str], ...]:
+        """The option that names its geometry, with its value; none if it has no balls with a geometry of their own."""
+        return ()
+
+    def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
+        """Return the medium in each geometry that it has at values of an applied load, and their places."""
+        return [(self, list(range(load.size)))]
 
     @abstractmethod
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:

@@ -21,11 +21,12 @@ from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
+from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
 from granphon.media.loading import LoadedBalls, Loading, press_all, require_above, require_path
 from granphon.media.medium import Loaded
 from granphon.media.sampled_waves import SampledWaves
@@ -126,8 +127,8 @@ class SimulatedState(SampledWaves):
     samples : the samples at each load, in C order of the loads; the index of the sample runs fastest.
     spaced : True if all samples have the same overlap, False if they have the same force.
 
-    ``finite_overlap`` is True of samples in their exact geometry. Otherwise it is False: the linear response of the samples
-    is that of the paper's limit, and so are the pressure and the density that go with it;
+    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise it is False: the linear
+    response of the samples is that of the paper's limit, and so are the pressure and the density that go with it;
     :class:`~granphon.base.errors.InputError` if it is set.
     """
 
@@ -151,11 +152,12 @@ class SimulatedState(SampledWaves):
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
-            samples=tuple(samples), spaced=spaced, finite_overlap=simulation.is_exact,
+            samples=tuple(samples), spaced=spaced,
+            finite_overlap=simulation.is_exact or (simulation.geometry is None and any(one.is_exact for one in samples)),
         )  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.finite_overlap and not (isinstance(self.law, SampleLaw) and self.law.simulation.is_exact):
+        if self.finite_overlap and not (isinstance(self.law, SampleLaw) and self.law.simulation.geometry != LATTICE):
             raise no_finite_overlap(self.medium)
         super().__post_init__()
 
@@ -164,7 +166,40 @@ class SimulatedState(SampledWaves):
         which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples)
+        finite = bool(np.any(np.asarray(self._is_exact)[index]))
+        return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite)
+
+    @property
+    def _is_exact(self) -> Any:
+        """Whether the samples at each load are in their exact geometry: each load has its own if none is named."""
+        simulation = getattr(self.law, "simulation", None)
+        if simulation is None or simulation.geometry is not None:
+            return self._fill_shape(self.finite_overlap)
+        return np.reshape([one.is_exact for one in self.samples[:: self.n_samples]], self.shape)[()]
+
+    @property
+    def _shrinkage(self) -> Any:
+        return np.where(self._is_exact, 1.0 - self.relative_overlap, 1.0)[()]
+
+    @property
+    def shear_deficit(self) -> Any:
+        """Part by which the shear modulus is expected to be too small, as contacts have the directions of the lattice.
+
+        They leave out that loose balls lean on others (:func:`~granphon.media.left_out.estimate_shear_deficit`). It is None
+        in the exact geometry, for equal balls, on a line, and where no contact resists slip.
+        """
+        simulation = getattr(self.law, "simulation", None)
+        if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
+            return None
+        ratio, periods = self.packing.width / self.packing.diameter, self.packing.structure.periods
+        deficit = estimate_shear_deficit(self.contact_fraction, ratio, periods, simulation.friction_history)
+        return np.where(self._is_exact, 0.0, deficit)[()]
+
+    @property
+    def valid(self) -> Any:
+        """Whether the directions of the lattice leave out at most 1 % of the shear modulus (:attr:`shear_deficit`)."""
+        deficit = self.shear_deficit
+        return self._fill_shape(True) if self.chosen or deficit is None else (deficit <= LEFT_OUT_LIMIT)
 
     @property
     def pressure(self) -> Any:
@@ -201,12 +236,8 @@ class SimulatedState(SampledWaves):
         """
         if not self.packing.spread_matters:
             return super().exponent
-        found = mean_exponent(self)
-        if self.finite_overlap:
-            periods, spacing = self.packing.structure.periods, self.packing.diameter - np.asarray(self.overlap)
-            shortening = self.force / self.normal_stiffness / spacing
-            found = (found - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening)
-        return found[()]
+        periods, shortening = self.packing.structure.periods, self._shortening
+        return ((mean_exponent(self) - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening))[()]
 
     @property
     def exponent_error(self) -> Any:
@@ -215,7 +246,13 @@ class SimulatedState(SampledWaves):
             return super().exponent_error
         if self.n_samples == 1:
             return self._fill_shape(math.nan)
-        return exponent_error(self)[()]
+        return (exponent_error(self) / (1.0 + (self.packing.structure.periods - 1.0) * self._shortening))[()]
+
+    @property
+    def _shortening(self) -> Array:
+        """Part by which the spacing falls for each unit of log f; 0 in the directions of the lattice."""
+        spacing = self.packing.diameter - np.asarray(self.overlap)
+        return np.where(self._is_exact, self.force / self.normal_stiffness / spacing, 0.0)
 
     @property
     def least_valid_force(self) -> float:
@@ -244,14 +281,17 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         Coulomb's limit, are then part of the statics. ``at_*`` is the state of monotonic loading, and :meth:`path` takes
         loads up and down. By default samples come to rest without friction.
     friction_coefficient : mu of the contacts, zero to infinity; a history needs it.
-    geometry : "lattice", contacts keep the directions of the lattice, the limit of small spread; or "exact": directions,
-        lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and boundary included).
+    geometry : "exact", directions, lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and
+        boundary included); or "lattice": contacts keep the directions of the lattice, the limit of small spread, which is
+        faster, and the default; or None: a history of friction is then exact, and without one the geometry is that of the
+        lattice if its directions are expected to leave out less than 1e-3 of the shear modulus, at each load, else exact.
+        Equal balls, and those that differ by more than a fifth of their diameter, have the directions of the lattice.
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
         {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
         pressed with friction until they stand; so lattices begin that do not stand without friction.
-    shear_response : tangential stiffness of a contact under sound, after a history: "slide", eta k, none where it slides;
-        "stick", eta k everywhere; "partial_slip", ``eta k (1 - |T|/mu f)^(1/3)``, as if
-        ``|T|`` were about to grow at every contact.
+    shear_response : tangential stiffness of a contact under sound, after a history: "stick", eta k everywhere, which small
+        cycles of the load meet; or, for a load that goes on in one direction, "slide", none where a contact slides, and
+        "partial_slip", ``eta k (1 - |T|/mu f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
     step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 
@@ -284,6 +324,8 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, wanted, overlap_given = load.applied, read_finite_overlap(finite_overlap), finite_overlap is not None
+        if self.geometry is None:
+            return self._join(load, finite_overlap)
         if wanted and not self.is_exact:
             raise no_finite_overlap(self.name)
         if overlap_given and self.is_exact and not wanted:
@@ -305,6 +347,24 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
             for index, equilibria in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load, overlap_given)
+
+    def _join(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
+        """Return the state at loads of which each has its own geometry."""
+        self.require(load)
+        groups = self.by_geometry(load, finite_overlap)
+        if len(groups) == 1:
+            return groups[0][0].at(load, finite_overlap=finite_overlap)
+        samples: list[list[Any]] = [[]] * load.size
+        for one, places in groups:
+            try:
+                found = one.at(load.flat[places]).samples
+            except GranphonError as error:
+                if error.load_index is not None:
+                    error.load_index = places[error.load_index]
+                raise
+            for row, place in enumerate(places):
+                samples[place] = list(found[row * self.samples : (row + 1) * self.samples])
+        return SimulatedState.of(self, [one for each in samples for one in each], load)
 
     def path(
         self, load: Load | None = None, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None,

@@ -259,6 +259,11 @@ class ContactState(Result):
         return _unwrap_scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
+    def shear_deficit(self) -> Values | None:
+        """Part by which the shear modulus is expected to be too small; None where nothing is known to be left out."""
+        return None
+
+    @property
     def least_valid_force(self) -> float:
         """Least mean contact force at which the medium is valid, N.
 

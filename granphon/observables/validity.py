@@ -9,7 +9,6 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
@@ -23,9 +22,10 @@ from granphon.media.acoustics import (
     lattice_without_overlap,
     velocity_scale,
 )
+from granphon.media.left_out import LEFT_OUT_LIMIT
 from granphon.media.state import ContactState, with_keyword
 
-__all__ = ["Check", "Tally", "Validity", "estimate_shear_deficit", "validity"]
+__all__ = ["Check", "Tally", "Validity", "validity"]
 
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
@@ -40,7 +40,7 @@ _LIMITS = {
     "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
     "spread": (0.03, "rms difference of diameters over their mean", "contacts are treated as those of nearly equal balls"),
     "shear": (
-        1e-2,
+        LEFT_OUT_LIMIT,
         "part by which the shear modulus of a simulation with friction is expected to be too small",
         "contacts of loose balls are left out. Use geometry: exact",
     ),
@@ -222,36 +222,6 @@ class Validity(Result):
         raise KeyError(name)
 
 
-#: simulated shear moduli with friction are too small by the part A o^3.5 (W/d)^0.3, where o is the fraction of contacts that
-#: are open; A by the number of periods. Measured against the true geometry of the same samples (triangular lattice, fcc; o
-#: from 0.15 to 0.5, W/d from 1e-7 to 1e-3), to a factor of 1.5; what it is for more, or fewer, open contacts is not known.
-#: The simulation is the limit of zero width. In truth balls that it holds between two others in line lean on a third with
-#: about W/d of the force; the stiffness of a shear spring there goes as the cube root of that, so that it still adds
-_DEFICITS = {2: 36.0, 3: 3.7}
-#: factor by which more is left out after a history of friction: contacts that are loose at its start bear tangential forces
-#: later. It is that of 32 x 32 balls of steel from a* = 1/2, with mu = 0.2 and without sliding, at f* from 0.03 to 0.12
-_BY_HISTORY = 3.0
-#: exponents of o and W/d
-_OPEN_POWER, _WIDTH_POWER = 3.5, 0.3
-
-
-def estimate_shear_deficit(
-    contact_fraction: ArrayLike, ratio: float, periods: int, history: bool = False
-) -> np.ndarray[Any, Any]:
-    """Return the part, at most 1, by which a shear modulus with friction is expected to be too small in the limit W/d = 0.
-
-    Parameters
-    ----------
-    contact_fraction : fraction of contacts that carry load.
-    ratio : W/d.
-    periods : of the lattice, 2 or 3; contacts on a line do not shear.
-    history : whether the array has been loaded with friction; otherwise it is at rest without.
-    """
-    share = _DEFICITS[periods] * (_BY_HISTORY if history else 1.0)
-    opened = 1.0 - np.asarray(contact_fraction)
-    return np.asarray(np.minimum(share * opened**_OPEN_POWER * ratio**_WIDTH_POWER, 1.0))
-
-
 def validity(state: ContactState, finite_overlap: bool | None = None) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
 
@@ -309,12 +279,8 @@ def _compute_validity(state: ContactState) -> Validity:
     values["resonance"] = top * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    simulation = getattr(state.law, "simulation", None)
-    sheared = simulation is not None and simulation.resists_slip and lattice.periods > 1
-    if sheared and state.packing.width and not state.finite_overlap:  # in the lattice's geometry
-        ratio = state.packing.width / state.packing.diameter
-        history = getattr(state, "tangential_ratio", None) is not None
-        values["shear"] = estimate_shear_deficit(state.contact_fraction, ratio, lattice.periods, history)
+    if (deficit := state.shear_deficit) is not None:
+        values["shear"] = deficit
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
         values["torsion"] = 1.5 * state.force / state.normal_stiffness / d / state.torsion

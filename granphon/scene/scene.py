@@ -115,7 +115,7 @@ class Scene:
             checks["direction"] = partial(rules.read_directions, lattice=lattice)
         for name, rule in checks.items():
             object.__setattr__(self, name, require(name, rule, getattr(self, name)))
-        if all(one.is_exact for one in self.media):
+        if all(one.is_exact for one in self.media) and self.balls_differ:
             object.__setattr__(self, "finite_overlap", True)
         # in space ASE knows the path: a scene without bands does not ask it
         if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):

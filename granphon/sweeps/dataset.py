@@ -17,7 +17,7 @@ from granphon.base.quantities import LOADS
 from granphon.base.text import versions
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.cases import Grid, label_warnings
-from granphon.media.loading import EXACT
+from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
@@ -113,7 +113,12 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
     """Return for each medium of a sweep whether its states have finite overlap; False where a data set does not tell."""
     everywhere, labels = bool(dataset.attrs.get("finite_overlap", 0)), np.atleast_1d(dataset["medium"].values)
-    return [everywhere or f"geometry={EXACT}" in str(label) for label in labels]
+    return [everywhere or _is_exact(str(label)) for label in labels]
+
+
+def _is_exact(label: str) -> bool:
+    """Whether a label is that of a simulation in its exact geometry, as one with a history is by default."""
+    return f"geometry={EXACT}" in label or ("friction_history=true" in label and f"geometry={LATTICE}" not in label)
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:

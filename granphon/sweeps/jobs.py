@@ -70,7 +70,7 @@ class Work:
         """The jobs; an error names the case, and the load if it is known."""
         case = self.case
         try:
-            rungs = case.rungs
+            rungs = [one for rung in case.rungs for one in rung.by_geometry(case.finite_overlap)]
         except InputError as error:
             at = error.load_index
             periods = case.packing.structure.periods

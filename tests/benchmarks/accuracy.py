@@ -266,13 +266,15 @@ def load_of(kind: str, truth: Truth, balls: gp.Packing) -> Array:
 
 
 def errors_of(
-    medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium, kind: str, loads: Array, right: Array
-) -> Array:
+    medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium, kind: str, loads: Array, right: Array,
+    finite_overlap: bool = False,
+) -> Array:  # fmt: skip
     """(n_loads, n) relative; :data:`FAILED` where the medium knows no such load."""
     out = np.full(right.shape, FAILED)
     for index, load in enumerate(loads.tolist()):
         with contextlib.suppress(gp.GranphonError):
-            out[index] = np.abs(numbers(getattr(medium, f"at_{kind}")(load)) / right[index] - 1.0)
+            found = numbers(getattr(medium, f"at_{kind}")(load, finite_overlap=finite_overlap))
+            out[index] = np.abs(found / right[index] - 1.0)
     return out
 
 

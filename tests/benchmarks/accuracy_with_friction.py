@@ -4,8 +4,9 @@
 
 It goes with ``accuracy.py``, and measures the same errors of the same media, on the lattices of :data:`SCOPES`. The truth
 is another: ``gp.DirectSimulation(..., friction_history=True)``, loaded with some friction coefficient from rest without
-friction at a* = 1/2, with one of the three responses to sound. Besides the media there is the simulation of the same samples
-at rest without friction: its error is what the friction in the statics does. Without an option the script measures the
+friction at a* = 1/2, with one of the three responses to sound. Its contacts have their true directions, at one W/d, and
+media the terms of finite overlap that go with them. Besides the media there is the simulation of the same samples at rest
+without friction: its error is what the friction in the statics does. Without an option the script measures the
 errors again (``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases that were held back
 (``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution in a folder, to go on from there.
 """
@@ -25,9 +26,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from accuracy import (
     DATA,
+    DIAMETER,
     FAMILIES,
     MEDIA,
     TOLERANCES,
+    WIDTH,
     Truth,
     errors_of,
     falling,
@@ -124,7 +127,7 @@ class Loaded(Truth):
         self.lattice, self.spread, self.forces = lattice, spread, np.array(forces)
         self.balls = packing(spread, poisson_ratio, lattice)
         self.simulation = gp.DirectSimulation(
-            self.balls, shape, seed, samples, friction_history=True, friction_coefficient=mu
+            self.balls, shape, seed, samples, friction_history=True, friction_coefficient=mu, geometry="exact"
         )
         self.state = self.simulation.at_force(self.forces * unit(self.balls))
         self.pressed = self.state.samples
@@ -153,7 +156,7 @@ def measured(
     """Loads (f* or a*) and largest errors there (or chance times root of balls), as ``accuracy.measured``."""
     for place, ratio in enumerate(POISSON_RATIOS):
         balls = packing(spread, ratio, lattice)
-        rest = gp.DirectSimulation(balls, shape, 10_000, samples)
+        rest = gp.DirectSimulation(balls, shape, 10_000, samples, geometry="exact")
         at_force = rest.at_force(np.array(forces) * unit(balls))
         for mu in coefficients:
             truth = Loaded(lattice, spread, ratio, mu, forces, shape, 10_000, samples)
@@ -166,7 +169,7 @@ def measured(
                 for kind, (chance, error) in chances.items():
                     loads = truth.forces if kind == "force" else truth.spacings
                     for name, medium in MEDIA.items():
-                        found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right)
+                        found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right, finite_overlap=True)
                         yield (mu, response, place, kind, name), loads, np.max(found + 2.0 * error, axis=1)
                     # most of the chance is that of the diameters, which are the same
                     apart = 0.5 * (squares(still[kind]) - mine) / np.mean(mine, axis=1, keepdims=True)
@@ -217,6 +220,7 @@ def table(lattice: str, found: Mapping[str, list[tuple[Key, Array, Array]]]) -> 
         "made_by": "tests/benchmarks/accuracy_with_friction.py",
         "shape": even_shape(find_lattice(lattice), scope.side),
         "samples": scope.samples,
+        "ratio": WIDTH / DIAMETER,
         "distributions": list(found),
         "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
         "mindlin_ratios": [packing(gp.Uniform(2e-6), ratio).mindlin_ratio for ratio in POISSON_RATIOS],
@@ -280,7 +284,7 @@ def try_tolerances(truth: Loaded, right: Array, mu: float, response: str) -> Ite
                 if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
                     continue  # the truth has not enough more balls to judge it
                 if (index, rung.medium) not in tried:
-                    found = numbers(getattr(medium, f"at_{kind}")(float(given[index])))
+                    found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
                     tried[index, rung.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
                 loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
                 name = "simulation, loaded with friction" if loaded else rung.medium.name
