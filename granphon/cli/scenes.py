@@ -82,6 +82,7 @@ def check_scene(scene: SceneFile) -> None:
     states, left = read.survey()
     with read.plan.origin.where_it_buckles():
         found = [(where, warning) for where, state in states for warning in validity(state).warnings]
+    found += read.plan.expect_warnings()
     warnings = label_warnings(found) if read.is_sweep else [warning for _, warning in found]
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
+from granphon.balls.loads import Load
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
@@ -22,10 +23,11 @@ from granphon.media.acoustics import (
     lattice_without_overlap,
     velocity_scale,
 )
-from granphon.media.left_out import LEFT_OUT_LIMIT
+from granphon.media.left_out import LEFT_OUT_LIMIT, expect_shear_deficit, find_left_out
+from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, with_keyword
 
-__all__ = ["Check", "Tally", "Validity", "validity"]
+__all__ = ["Check", "Tally", "Validity", "expect_warnings", "validity"]
 
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
@@ -247,6 +249,16 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
     The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
     return with_keyword(state, finite_overlap).once(_compute_validity)
+
+
+def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:
+    """Return the warnings that a simulation will have at the values of an applied load, as far as known before it is run."""
+    deficit = find_left_out(expect_shear_deficit(simulation.packing, load, simulation.friction_history), simulation.geometry)
+    if not simulation.resists_slip:
+        return ()
+    limit, meaning, reason = _LIMITS["shear"]
+    warning = Check("shear", meaning, deficit, limit, reason).warning
+    return () if warning is None else (warning,)
 
 
 def _find_top_frequencies(state: ContactState) -> Any:

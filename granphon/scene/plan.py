@@ -311,6 +311,18 @@ class Plan:
             left.append("the cluster medium")
         return few.states(simulations=False, lists=False), " and ".join(left)
 
+    def expect_warnings(self) -> list[tuple[str, str]]:
+        """Return what is known of simulations before they are run: the label of each medium, and a warning."""
+        from granphon.observables.validity import expect_warnings  # imported here: a run finds the warnings of its states
+
+        return [
+            (one.case.label, warning)
+            for one in self.few
+            for rung in one.rungs
+            if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation) and not rung.chosen
+            for warning in expect_warnings(medium, rung.load)
+        ]
+
     # -- cost -----------------------------------------------------------------------------------------------------------
 
     def cost(self) -> Cost | None:

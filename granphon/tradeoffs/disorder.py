@@ -19,9 +19,10 @@ from granphon.laws.collocation import solve_curve
 from granphon.laws.effective import make_averages
 from granphon.media.accuracy import REST, Truth
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
+from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import local_exponent
-from granphon.tradeoffs.ensemble import QUANTITIES
+from granphon.tradeoffs.ensemble import QUANTITIES, observe
 from granphon.tradeoffs.study import SECONDS, Stopwatch, Study
 
 __all__ = ["MOST_OPENINGS", "Disorder", "DisorderStudy"]
@@ -69,6 +70,21 @@ class Disorder:
         """State of a medium at the loads."""
         state: ContactState = medium.at(self.load)
         return state
+
+    @cached_property
+    def exact(self) -> list[int]:
+        """Indices of the loads at which the arrays of the truth have their exact geometry."""
+        simulation = DirectSimulation(self.packing, **self.truth.options)
+        return [place for one, places in simulation.by_geometry(self.load) if one.is_exact for place in places]
+
+    def observe(self, medium: Any) -> Array:
+        """Return the observed quantities of a medium, (n_loads, n_observed), with finite overlap where the truth has it."""
+        out = np.empty((self.load.size, len(QUANTITIES)))
+        others = [place for place in range(self.load.size) if place not in self.exact]
+        for places, finite in ((self.exact, True), (others, None)):
+            if places:
+                out[places] = observe(medium.at(self.load[places], finite_overlap=finite))
+        return out[:, self.columns]
 
     @cached_property
     def effective(self) -> ContactState:

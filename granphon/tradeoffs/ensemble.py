@@ -109,6 +109,7 @@ class Moments:
         # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
         rows = np.stack([*moduli, k if state.spaced else 1.0 / k], axis=-1)
         self._moduli.extend(np.moveaxis(rows, 1, 0))
+        self._densities = np.asarray(state.effective_density)
         self._overlaps.extend(state.over_samples(lambda sample: sample.overlap).T)
         self._excess.extend(np.array(list(_measure_excess(simulation))))
 
@@ -119,7 +120,7 @@ class Moments:
         spread = np.std(moduli, axis=0, ddof=1) / np.mean(moduli, axis=0)
         means, errors = _regress(moduli.reshape(count, -1), excess)
         means, errors = means.reshape(moduli.shape[1:]), errors.reshape(moduli.shape[1:])
-        squares = np.abs(means) / np.array([self.packing.effective_density] * 2 + [self.packing.mass])
+        squares = np.abs(means) / np.stack([*[self._densities] * 2, np.full(len(means), self.packing.mass)], axis=1)
         if self.load.kind != "overlap":
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
         return Ensemble(

@@ -18,11 +18,12 @@ from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
 from granphon.media.accuracy import REST, Truth
 from granphon.media.cost import estimate, write_duration
+from granphon.media.left_out import LATTICE
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.sizes_and_times import even_shape
 from granphon.tradeoffs.disorder import DisorderStudy
-from granphon.tradeoffs.ensemble import Moments, observe
+from granphon.tradeoffs.ensemble import Moments
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
 
 __all__ = ["MediaStudy"]
@@ -85,9 +86,6 @@ class MediaStudy(DisorderStudy):
         with suppress(GranphonError):  # found once for all runs; a lattice that has none says so in its point
             _ = EffectiveMedium(packing).local_field
 
-        def solve(medium: Any) -> Array:
-            return observe(disorder.state(medium))[:, disorder.columns]
-
         def prepare_effective(make: Callable[[], EffectiveMedium]) -> Callable[[int], EffectiveMedium]:
             def prepare(run: int) -> EffectiveMedium:
                 effective_curve.cache_clear()
@@ -103,18 +101,18 @@ class MediaStudy(DisorderStudy):
         computed = prepare_effective(lambda: EffectiveMedium(packing))
         printed = prepare_effective(lambda: EffectiveMedium(packing, "paper"))
         found = [
-            Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), solve),
-            Point("averaged force", "afa", lambda run: AveragedForce(packing), solve),
-            Point("effective medium", "computed field", computed, solve, solving),
+            Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), disorder.observe),
+            Point("averaged force", "afa", lambda run: AveragedForce(packing), disorder.observe),
+            Point("effective medium", "computed field", computed, disorder.observe, solving),
         ]
         if packing.structure == TRIANGULAR:  # the paper prints no field of another lattice
-            found.append(Point("effective medium, paper's field", "printed field", printed, solve, solving))
+            found.append(Point("effective medium, paper's field", "printed field", printed, disorder.observe, solving))
         shapes = [self.shape(side) for side in self.sides or _SIDES[self._periods]]
         for of, samples, shape in itertools.product(dict.fromkeys((REST, disorder.truth)), self.counts, shapes):
             prepare = prepare_simulation(shape, samples, of)
             seconds = disorder.stopwatch.predict(estimate(prepare(0), disorder.load))
             method = f"simulation{' with friction' * of.is_loaded}, {samples} sample{'s' if samples > 1 else ''}"
-            found.append(Point(method, _write_shape(shape), prepare, solve, seconds, random=True))
+            found.append(Point(method, _write_shape(shape), prepare, disorder.observe, seconds, random=True))
         return sorted(found, key=lambda point: point.seconds)
 
     def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
@@ -161,7 +159,7 @@ class MediaStudy(DisorderStudy):
         disorder, options = self.disorder, self.disorder.truth.options
         own = DirectSimulation(disorder.packing, self.checked_shape, _REFERENCE_SEED, **options)
         fine = replace(own, step_tolerance=_SHORTER * own.step_tolerance)
-        ratio = observe(disorder.state(own)) / observe(disorder.state(fine))
+        ratio = disorder.observe(own) / disorder.observe(fine)
         return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
     def _require_time(self, deadline: Deadline) -> None:
@@ -175,11 +173,14 @@ class MediaStudy(DisorderStudy):
             )
 
     def compare_solvers(self, deadline: Deadline) -> Array:
-        """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU."""
+        """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU.
+
+        Both have the directions of the lattice, which the other algorithm knows alone.
+        """
         from granphon.array.sparse import SparseArray
 
         disorder = self.disorder
-        state = disorder.state(DirectSimulation(disorder.packing, self.checked_shape, _REFERENCE_SEED))
+        state = disorder.state(DirectSimulation(disorder.packing, self.checked_shape, _REFERENCE_SEED, geometry=LATTICE))
         apart, eta = [], disorder.packing.mindlin_ratio
         for rest in (sample.equilibrium for sample in state.samples):
             other = SparseArray(rest.deviations, rest.lattice)
