@@ -97,7 +97,7 @@ RUNGS = {
     "ema": "effective medium: the neighbours of a ball give way",
     "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low load, and dearer",
     "simulation": "every ball of an array by itself; lattices that stand without friction (chain, triangular, fcc, hcp), "
-    "others with `start: gas`; `finite_overlap` with `geometry: exact`",
+    "others with `start: gas`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
 RUNG_OPTIONS = {
@@ -109,10 +109,10 @@ RUNG_OPTIONS = {
     "simulation.friction_history": "load the samples [with friction](../how-to/simulation.md#load-it-with-friction)",
     "simulation.friction_coefficient": "of the contacts; needed with `friction_history`, and only then, as are those below",
     "simulation.geometry": "`lattice`: contacts keep the directions of the lattice; `exact`: their own, "
-    "with `finite_overlap`",
+    "with `finite_overlap`; left out: [exact where it matters](../explanation/simulation.md#which-geometry)",
     "simulation.start": "where the loading starts, at rest without friction: a reduced spacing $a^*$ or a load; or "
     "`gas`, balls apart",
-    "simulation.shear_response": "tangential stiffness under sound: none where a contact slides, $\\eta k$ everywhere, or "
+    "simulation.shear_response": "tangential stiffness under sound: $\\eta k$ everywhere, none where a contact slides, or "
     "that of Mindlin's partial slip",
     "simulation.step_tolerance": "relative change of the force by which steps of the load may be wrong",
     "simulation.ordered": "take the loads in the order given, up and down; else from the lowest to the highest",
