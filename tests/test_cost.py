@@ -13,6 +13,7 @@ from granphon.balls.loads import Load
 from granphon.media import cost
 from granphon.media.cost import estimate
 from granphon.media.history_cost import count_iterations, count_steps
+from granphon.media.typical_arrays import estimate_reduced_force
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
