@@ -29,7 +29,10 @@ NAMES = {True: "with friction", False: "without friction"}
 steel = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml")).packing
 packings = {friction: gp.Packing(steel.material, steel.diameter, steel.spread, friction=friction) for friction in NAMES}
 force = FORCE * steel.law.coefficient * steel.width**1.5
-states = {f: gp.DirectSimulation(packing, (64, 64), samples=4).at_force(force) for f, packing in packings.items()}
+states = {
+    f: gp.DirectSimulation(packing, (64, 64), samples=4, geometry="lattice").at_force(force)
+    for f, packing in packings.items()
+}
 media = {f: gp.EffectiveMedium(packing).at_force(force) for f, packing in packings.items()}
 
 

@@ -19,7 +19,7 @@ from granphon.figures.style import STYLE
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
 force = np.geomspace(0.3, 60.0, 12)  # N
-array = gp.DirectSimulation(packing, shape=(48, 48), samples=4).at_force(force)
+array = gp.DirectSimulation(packing, shape=(48, 48), samples=4, geometry="lattice").at_force(force)
 truth = gp.sound_velocities(array)
 media = {
     "averaged lattice": (gp.AveragedLattice(packing), "0.3", (0, (4, 1.5))),

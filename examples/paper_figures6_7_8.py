@@ -27,7 +27,9 @@ THRESHOLD = 0.343  # of a*
 ABOVE = np.array([0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0, 1.65, 3.0, 9.0])
 scene = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml"))
 sweep, packing = scene.sweep(), scene.packing
-simulated = gp.DirectSimulation(packing, (64, 64), samples=4).at_overlap(packing.width * (THRESHOLD + ABOVE - 0.5))
+simulated = gp.DirectSimulation(packing, (64, 64), samples=4, geometry="lattice").at_overlap(
+    packing.width * (THRESHOLD + ABOVE - 0.5)
+)
 smooth, rough = (
     gp.EffectiveMedium(gp.Packing(packing.material, packing.diameter, packing.spread, friction=friction))
     for friction in (False, True)

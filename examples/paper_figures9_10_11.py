@@ -24,7 +24,7 @@ from granphon.figures.style import STYLE
 SPACING = np.array([0.373, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.9, 3.0, 6.0, 12.0])  # a*
 scene = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml"))
 sweep, packing = scene.sweep(), scene.packing
-simulation = gp.DirectSimulation(packing, (64, 64), samples=4)
+simulation = gp.DirectSimulation(packing, (64, 64), samples=4, geometry="lattice")
 simulated = simulation.at_overlap(packing.width * (SPACING - 0.5))
 smooth, rough = (
     gp.EffectiveMedium(gp.Packing(packing.material, packing.diameter, packing.spread, friction=friction)).at_overlap(

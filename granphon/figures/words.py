@@ -33,7 +33,8 @@ MEDIA = {
 #: what the options of media mean in a legend; the value stands for {}
 _OPTIONS = {
     "local_field=paper": "local field of the paper", "friction_history=true": "loaded with friction",
-    "geometry=exact": "true geometry", "balls": "{} balls", "tolerance": "error below {}", "seed": "seed {}",
+    "geometry=exact": "true geometry", "geometry=lattice": "directions of the lattice",
+    "balls": "{} balls", "tolerance": "error below {}", "seed": "seed {}",
     "start": "from {}", "start=gas": "from the gas", "ordered=true": "as a path",
     "friction_coefficient": "friction coefficient {}",
 }  # fmt: skip

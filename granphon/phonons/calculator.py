@@ -247,7 +247,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             if exact or loaded:
                 how = "was loaded with friction" if loaded else "has its exact geometry"
                 why = "A calculator has the directions of the lattice, and no forces that depend on the way to the load"
-                mend = "Use the network of the sample, as gp.Waves(state.sample) does, or simulate without these options"
+                otherwise = "simulate without a history" if loaded else 'simulate with geometry="lattice"'
+                mend = f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
                 raise InputError(message(f"the Atoms are of a sample that {how}", why, mend))
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)

@@ -102,7 +102,7 @@ def sizes(repeats: int) -> list[Row]:
     for friction, packing in PACKINGS.items():
         found = []
         for length, samples in SIZES.items():
-            simulation = gp.DirectSimulation(packing, (length, length), 1000 * length, samples)
+            simulation = gp.DirectSimulation(packing, (length, length), 1000 * length, samples, geometry="lattice")
             moduli = simulation.at_force(force).over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
             found.append(mean_and_error(np.moveaxis(moduli, 1, 0)))
         *small, (large, error) = found
@@ -200,7 +200,7 @@ def conjecture(repeats: int) -> list[Row]:
     """The table of the page: 2G/(1 + eta)K over f*, also in true directions, and what it says of velocities."""
     rows, bulk = [], {}
     for friction, packing in PACKINGS.items():
-        state = gp.DirectSimulation(packing, (64, 64), 0, 4).at_force(FORCES * UNIT)
+        state = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="lattice").at_force(FORCES * UNIT)
         true = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="exact").at_force(LOW_FORCES * UNIT)
         of = "steel" if friction else "no friction"
         rows += [*ratios(state, of), *ratios(true, f"{of}, in true directions")]
@@ -267,8 +267,10 @@ EXPONENT_LOADS, EXPERIMENTS, EACH = np.array([0.03, 0.1, 0.3, 1.0]), 60, 4
 
 def exponents(repeats: int) -> list[Row]:
     """Exponents of large arrays; and of many small experiments, how often the truth is within their errors."""
-    large = gp.DirectSimulation(PACKINGS[True], (96, 96), 9000, 24).at_force(EXPONENT_LOADS * UNIT)
-    small = gp.DirectSimulation(PACKINGS[True], (8, 8), 20_000, EXPERIMENTS * EACH).at_force(EXPONENT_LOADS * UNIT)
+    large = gp.DirectSimulation(PACKINGS[True], (96, 96), 9000, 24, geometry="lattice").at_force(EXPONENT_LOADS * UNIT)
+    small = gp.DirectSimulation(PACKINGS[True], (8, 8), 20_000, EXPERIMENTS * EACH, geometry="lattice").at_force(
+        EXPONENT_LOADS * UNIT
+    )
     rows = []
     for place, f in enumerate(EXPONENT_LOADS.tolist()):
         value, error = float(large.exponent[place]), float(large.exponent_error[place])
@@ -332,7 +334,7 @@ def lists(repeats: int) -> list[Row]:
 
 def saturation(repeats: int) -> list[Row]:
     """Fraction of contacts of the media less that of the array, between f* = 0.2 and 0.4."""
-    state = gp.DirectSimulation(PACKINGS[True], (64, 64), 0, 4).at_force(np.linspace(0.2, 0.4, 9) * UNIT)
+    state = gp.DirectSimulation(PACKINGS[True], (64, 64), 0, 4, geometry="lattice").at_force(np.linspace(0.2, 0.4, 9) * UNIT)
     rows = []
     for friction, packing in PACKINGS.items():
         more = gp.EffectiveMedium(packing).at_force(state.force).contact_fraction - state.contact_fraction
@@ -350,7 +352,8 @@ def fits(repeats: int) -> list[Row]:
     velocity = (1.0 + 0.004 * np.random.default_rng(1).standard_normal(12)) * clean
     widths = np.array([
         gp.fit_width(packing, force, velocity, frequency=6500.0,
-                     medium={"simulation": {"shape": (64, 64), "seed": seed}}).width for seed in range(6)
+                     medium={"simulation": {"shape": (64, 64), "seed": seed, "geometry": "lattice"}}).width
+        for seed in range(6)
     ])  # fmt: skip
     note = ", ".join(f"{1e6 * width:.3f}" for width in widths)
     return [Row("width fitted by one sample of 64x64, six seeds: largest distance from the mean, of it",
@@ -419,7 +422,7 @@ def clusters(repeats: int) -> list[Row]:
         start, found = time.process_time(), []
         # an array at a time, as none of them is needed again
         for seed in range(5000, 5000 + samples):
-            state = gp.DirectSimulation(packing, sides, seed).at_overlap(overlap)
+            state = gp.DirectSimulation(packing, sides, seed, geometry="lattice").at_overlap(overlap)
             found.append([read(state, name) for name in names])
         seconds = time.process_time() - start
         arrays = f"{samples} arrays of {'x'.join(map(str, sides))}, {lattice.name}"

@@ -31,7 +31,9 @@ def spectra(lattice: str, polarisation: str) -> tuple[Any, Any]:
     """(samples, waves) peaks, Hz, and attenuations, 1/m."""
     shape, samples, numbers, resolution, force = CASES[lattice]
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), lattice=lattice)
-    state = gp.DirectSimulation(packing, shape, seed=1, samples=samples).at_force(force * packing.width_units.force)
+    state = gp.DirectSimulation(packing, shape, seed=1, samples=samples, geometry="lattice").at_force(
+        force * packing.width_units.force
+    )
     vectors = packing.structure.vectors
     reciprocal = 2.0 * np.pi * np.linalg.inv(vectors).T / DIAMETER
     # along Gamma-K in the plane, along a cube's edge in space
