@@ -19,7 +19,7 @@ from granphon.figures.forces import plot_force_distribution, plot_forces
 from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
-packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
+packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6), friction=False)
 simulation = gp.DirectSimulation(packing, shape=(48, 48), samples=4)
 packed, loose = (simulation.at_overlap(packing.width * (spacing - 0.5)) for spacing in (1.0, 0.38))  # a*; it fails at 0.343
 SHIFTS = TRIANGULAR.contacts.shift.tolist()
