@@ -79,14 +79,9 @@ class _Clusters:
     def __init__(
         self, normal: Array, means: Array, i: Indices, j: Indices, fixed: Array, balls: Array, ratio: float
     ) -> None:  # fmt: skip
-        from scipy.sparse import coo_array  # imported here: most simulations do not need it
-        from scipy.sparse.csgraph import connected_components
-
         self._normal, self._means, self._i, self._j, self._fixed, self._ratio = normal, means, i, j, fixed, ratio
         count = balls.shape[1]
-        within = np.flatnonzero(np.maximum(i, j) < count)
-        links = coo_array((np.ones(within.size), (i[within], j[within])), shape=(count, count))
-        self._clusters, self._of_ball = connected_components(links, directed=False)
+        self._clusters, self._of_ball = _join(i, j, np.ones(i.size, bool), count)
         self._of_contact = self._of_ball[np.minimum(i, j)]
         self._balls, self._moved, self._numbers = balls.copy(), balls, np.arange(count)
 
@@ -101,7 +96,7 @@ class _Clusters:
                 if not self._numbers.size:
                     break
                 pull, root, size, normal = self._find_forces(self._moved)
-            self._move(pull, self._find_step(pull, root, size, normal, left, force))
+            self._move(pull, self._find_step(pull, root, size, normal, left, force), root, tolerance * force)
         self._keep(np.zeros(self._clusters, bool))
         return self._balls
 
@@ -133,13 +128,12 @@ class _Clusters:
 
     def _find_step(self, pull: Array, root: Array, size: Array, normal: Array, left: Array, force: float) -> Array:
         """Return the step (p, balls) of Newton's method."""
-        from scipy.sparse import coo_array, eye_array
+        from scipy.sparse import coo_array, diags_array
         from scipy.sparse.linalg import splu
 
         p, count, mean = *pull.shape, 1.5 * np.cbrt(force)
         aside = self._ratio * root**3 / size
-        stiffness = 1.5 * root + _ADDED_STIFFNESS * mean * np.minimum(1.0, left[self._of_contact]) - aside
-        blocks = stiffness * normal[:, None] * normal + aside * np.eye(p)[..., None]
+        blocks = (1.5 * root - aside) * normal[:, None] * normal + aside * np.eye(p)[..., None]
         values, rows, columns = [], [], []
         for a, b, sign in ((self._i, self._i, 1.0), (self._j, self._j, 1.0), (self._i, self._j, -1.0), (self._j, self._i, -1.0)):
             inside = np.flatnonzero(np.maximum(a, b) < count)
@@ -149,28 +143,49 @@ class _Clusters:
                     rows.append(p * a[inside] + k)
                     columns.append(p * b[inside] + m)
         entries: Any = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-        matrix = coo_array(entries, shape=(p * count, p * count)).tocsc() + _HOLDING * mean * eye_array(p * count, format="csc")
+        held = mean * (_HOLDING + _ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
+        matrix = coo_array(entries, shape=(p * count, p * count)).tocsc() + diags_array(np.repeat(held, p), format="csc")
         factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         return np.asarray(factors.solve(pull.T.ravel()).reshape(count, p).T)
 
-    def _move(self, pull: Array, step: Array) -> None:
-        """Take a step, in each cluster as far as its energy falls fast."""
-        begun, part = self._moved, self._of_ball
+    def _move(self, pull: Array, step: Array, root: Array, at_rest: float) -> None:
+        """Take a step; balls that touch, or would at its end, go the same part of it, to where their energy is least.
 
-        def find_slopes(pull: Array) -> Array:
-            return -np.bincount(part, np.sum(pull * step, axis=0), self._clusters)
-
-        first = find_slopes(pull)
-        low, at_low, high, length = np.zeros_like(first), first, np.full_like(first, np.inf), np.ones_like(first)
-        for _ in range(_LENGTHS):
+        Where the energy still falls at its end they go all of it.
+        """
+        begun, padded = self._moved, np.pad(step, ((0, 0), (0, 1)))
+        ahead = padded[:, self._j] - padded[:, self._i]
+        at_end = self._find_forces(begun + step)
+        groups, part = _join(self._i, self._j, (root > 0.0) | (at_end[1] > 0.0), step.shape[1])
+        of_contact = part[np.minimum(self._i, self._j)]
+        first, most = np.bincount(part, np.sum(pull * step, axis=0), groups), np.zeros(groups)
+        np.maximum.at(most, part, np.sum(pull**2, axis=0))
+        resting = most <= at_rest**2
+        low, high, length = np.zeros(groups), np.full(groups, np.inf), np.where(resting, 0.0, 1.0)
+        for trial in range(_LENGTHS):
             self._moved = begun + length[part] * step
-            slope = find_slopes(self._find_forces(self._moved)[0])
-            done = (np.abs(slope) <= _SLOPE * np.abs(first)) | ((slope < 0.0) & (high == np.inf))
+            pull, root, _, normal = self._find_forces(self._moved) if trial or np.any(resting) else at_end
+            slope = -np.bincount(part, np.sum(pull * step, axis=0), groups)
+            low, high = np.where(slope < 0.0, length, low), np.where(slope > 0.0, length, high)
+            done = resting | (slope <= 0.0) & (high == np.inf) | (np.abs(slope) <= _SLOPE * first)
             if np.all(done):
                 break
-            beyond, short = ~done & (slope > 0.0), ~done & (slope <= 0.0)
-            high = np.where(beyond, length, high)
-            low, at_low = np.where(short, length, low), np.where(short, slope, at_low)
-            width = np.where(done, 0.0, high - low)
-            share = at_low / np.where(beyond, at_low - slope, -1.0)
-            length = np.where(beyond, low + np.clip(share, 0.1, 1.0) * width, np.where(short, low + 0.5 * width, length))
+            # of one contact that closes on the way the slope is -first + c (length - place)^(3/2)
+            rise = np.bincount(of_contact, 1.5 * root * np.sum(normal * ahead, axis=0) ** 2, groups)
+            above = np.where(done | (slope <= 0.0), 1.0, first + slope)
+            change = np.where(slope > 0.0, 1.5 * (1.0 - np.cbrt(first / above) ** 2) * above, slope)
+            near = length - change / np.where(rise > 0.0, rise, np.inf)
+            inside = np.clip(near, 0.9 * low + 0.1 * np.minimum(high, 1.0), 0.1 * low + 0.9 * np.minimum(high, 1.0))
+            length = np.where(done, length, inside)
+
+
+def _join(i: Indices, j: Indices, contact: NDArray[np.bool_], count: int) -> tuple[int, Indices]:
+    """Return the number of the groups of balls between which there is a ``contact``, and the group of each ball."""
+    from scipy.sparse import coo_array  # imported here: most simulations do not need it
+    from scipy.sparse.csgraph import connected_components
+
+    links = np.flatnonzero(contact & (np.maximum(i, j) < count))
+    groups, of_ball = connected_components(
+        coo_array((np.ones(links.size), (i[links], j[links])), shape=(count, count)), directed=False
+    )
+    return int(groups), of_ball

@@ -242,7 +242,7 @@ class _Path:
         for _ in range(_ROUNDS):
             outside = float(np.max(trial.on_balls, where=~loose, initial=0.0))
             if np.any(trial.on_balls[loose]):
-                least = max(_FINER * self._tolerance, _OF_LOOSE * min(geometry.ratio, outside))
+                least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
                 trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
             if self._is_at_rest(trial):
                 trial, state = self._probe(trial)
