@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 from granphon.array.array_rows import ArrayRow, stack_coefficients
 from granphon.array.rooms import Rooms
 
-__all__ = ["CoupledProduct", "Coupling", "multiply_columns"]
+__all__ = ["CoupledProduct", "Coupling", "SymmetricProduct", "multiply_columns"]
 
 Array = NDArray[np.float64]
 Single = NDArray[Any]
@@ -48,10 +48,9 @@ class Coupling:
         head, tail = stack_coefficients(rows, fields)
         self.split, self.join = np.concatenate([head, tail]), np.concatenate([head, -tail]).T.copy()
 
-    @cached_property
-    def single(self) -> tuple[Single, Single, Single]:
-        """The two matrices, and a flattened room with ones inside, in single precision."""
-        split, join, inside = (one.astype(np.float32) for one in (self.split, self.join, self.rooms.inside))
+    def matrices(self, precision: DTypeLike) -> tuple[Single, Single, Single]:
+        """Return the two matrices, and a flattened room with ones inside."""
+        split, join, inside = (one.astype(precision) for one in (self.split, self.join, self.rooms.inside))
         return split, join, inside.ravel()
 
     @cached_property
@@ -104,8 +103,8 @@ class _Part(NamedTuple):
     """Views of one part of the flattened room, in which forces on balls are found.
 
     ``near`` are motions, and ``ends`` (2 rows, ...) is room for what the ends of contacts contribute; ``pairs`` are the
-    heads and tails of each contact that has an end in the part. Deformations take the place of tails. ``stiffness``,
-    ``turning`` and ``cross`` are those of D for them.
+    heads and tails of each contact that has an end in the part. Deformations take the place of tails. ``stiffness`` is the
+    diagonal of D for them, ``coupled`` (n, contacts, ...) the rest.
     """
 
     near: Single
@@ -115,8 +114,7 @@ class _Part(NamedTuple):
     loss: Single
     slips: Single
     stiffness: Single
-    turning: Single
-    cross: Single
+    coupled: Single
     gathered: list[tuple[Single, Single]]
     joined: Single
     forces: Single
@@ -133,33 +131,37 @@ class CoupledProduct:
     do not couple, ``turning`` is empty too, and there may be springs of more deformations than slips.
     """
 
+    _precision: ClassVar[type[np.floating[Any]]] = np.float32
+
     def __init__(self, coupling: Coupling, stiffness: Array, springs: Array, turning: Array, cross: Array) -> None:
-        rooms, n = coupling.rooms, len(stiffness)
+        self._prepare(coupling, len(stiffness), [stiffness, *springs, *turning, *cross])
+
+    def _prepare(self, coupling: Coupling, n: int, law: Sequence[Array]) -> None:
+        rooms, precision = coupling.rooms, self._precision
         self._rooms, self._steps = rooms, coupling.steps
-        self._split, self._join, self._inside = coupling.single
-        law = rooms.surround([stiffness, *springs, *turning, *cross], np.float32)
+        self._split, self._join, self._inside = coupling.matrices(precision)
+        given = rooms.surround(law, precision)
         fields, doubled = self._join.shape
-        self._room, self._out = np.empty((2, fields, *rooms.outer), np.float32)
+        self._room, self._out = np.empty((2, fields, *rooms.outer), precision)
         self._images = list(rooms.images(self._room))
-        self._parts = list(self._divide(law.reshape(len(law), -1), n, doubled, coupling.spans(np.float32)))
+        self._parts = list(self._divide(given.reshape(len(given), -1), n, doubled, coupling.spans(precision)))
 
     def _divide(self, law: Single, n: int, doubled: int, spans: Iterator[tuple[int, int]]) -> Iterator[_Part]:
         """Yield the parts, which share the room for what the ends of contacts contribute."""
         flat, forces = (one.reshape(len(one), -1) for one in (self._room, self._out))
         steps, half = self._steps, doubled // 2
         least, most = min(0, *steps), max(0, *steps)
-        reach, shared = most - least, np.empty(0, np.float32)
+        reach, shared = most - least, np.empty(0, law.dtype)
         for first, end in spans:
             # contacts that begin at a place from low to high have an end in this part
             low, high, size = first - most, end - least, end - first
             count = high - low
-            shared = shared if shared.size else np.empty(doubled * (count + reach), np.float32)
+            shared = shared if shared.size else np.empty(doubled * (count + reach), law.dtype)
             ends = shared[: doubled * (count + reach)].reshape(doubled, -1)
             heads, tails = ends.reshape(2, -1, n, count + reach)
             tails, joined = tails[..., -least : count - least], ends[:, reach : reach + size]
             to = heads[..., reach : reach + size]
             rows, here = ends[half:, -least : count - least], law[:, low:high]
-            shear = here[half:].reshape(-1, n, count)
             yield _Part(
                 near=flat[:, low + least : high + most],
                 ends=ends,
@@ -168,8 +170,7 @@ class CoupledProduct:
                 loss=rows[:n],
                 slips=rows[n:].reshape(-1, n, count),
                 stiffness=here[:half],
-                turning=shear[: half // n - 1],
-                cross=shear[half // n - 1 :],
+                coupled=here[half:].reshape(-1, n, count),
                 gathered=[(to[:, at], tails[:, at, most - step : most - step + size]) for at, step in enumerate(steps)],
                 joined=joined,
                 forces=forces[:, first:end],
@@ -191,11 +192,8 @@ class CoupledProduct:
             for head, tail in part.pairs:
                 np.subtract(head, tail, out=tail)
             if press:
-                np.subtract(part.loss, np.float32(press), out=part.loss)
-            change = self._couple(part) if len(part.turning) else None
-            np.multiply(part.rows, part.stiffness, out=part.rows)
-            if change is not None:
-                np.subtract(part.slips, change, out=part.slips)
+                np.subtract(part.loss, self._precision(press), out=part.loss)
+            self._resist(part)
             for to, tail in part.gathered:
                 to[...] = tail
             multiply_columns(self._join, part.joined, part.forces)
@@ -204,12 +202,40 @@ class CoupledProduct:
         return self._out[rooms.inner].copy(), total
 
     @staticmethod
-    def _couple(part: _Part) -> Single:
-        """Return the tangential forces, with the sign turned, that do not follow from a slip along them."""
-        change: Single = part.turning * part.loss
-        if len(part.cross):
-            change += part.cross * part.slips[::-1]
-        return change
+    def _resist(part: _Part) -> None:
+        """Write the tensions, with the sign turned, in the place of deformations."""
+        if not len(part.coupled):
+            np.multiply(part.rows, part.stiffness, out=part.rows)
+            return
+        slips = len(part.slips)
+        change: Single = part.coupled[:slips] * part.loss  # tangential forces that do not follow from a slip along them
+        if len(part.coupled) > slips:
+            change += part.coupled[slips:] * part.slips[::-1]
+        np.multiply(part.rows, part.stiffness, out=part.rows)
+        np.subtract(part.slips, change, out=part.slips)
+
+
+class SymmetricProduct(CoupledProduct):
+    """Product of C^T D C with motions of balls in double precision, for a symmetric D that couples any two deformations.
+
+    ``table`` (m, m, contacts, L1, ..., Lp) is D of each contact.
+    """
+
+    _precision = np.float64
+
+    def __init__(self, coupling: Coupling, table: Array) -> None:
+        m = range(len(table))
+        self._pairs = [(a, b) for a in m for b in m[:a] if np.any(table[a, b])]
+        law = [*(table[a, a] for a in m), *(table[pair] for pair in self._pairs)]
+        self._prepare(coupling, table.shape[2], law)
+
+    def _resist(self, part: _Part) -> None:
+        rows = part.rows.reshape(-1, *part.loss.shape)
+        bent = [(a, b, both * rows[b], both * rows[a]) for (a, b), both in zip(self._pairs, part.coupled, strict=True)]
+        np.multiply(part.rows, part.stiffness, out=part.rows)
+        for a, b, on_a, on_b in bent:
+            rows[a] += on_a
+            rows[b] += on_b
 
 
 def multiply_columns(matrix: Single, columns: Single, out: Single) -> None:

@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.cages import Cages
 from granphon.array.conjugate_gradients import solve_by_descent
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
 from granphon.array.geometry import Inverse, find_boundary_force, find_lack
@@ -44,8 +45,14 @@ _NEWTON_STEPS, _LENGTHS = 400, 12
 #: fraction of contacts that are stiff, above which Green's function is kept: of many contacts with light forces it knows
 #: nothing, so that factors pay earlier than on the lattice
 _MOST_STIFF = 0.8
-#: number of steps in which Newton's method alone comes to rest from a state nearby, or not at all
-_FEW_STEPS = 15
+#: force of a contact, over the mean, up to which it is light: balls with fewer heavy contacts than hold one are loose
+_LIGHT = 1e-3
+#: largest number of times that loose balls, and then all together, are brought nearer to rest
+_ROUNDS = 40
+#: force that may be left on a loose ball, over the mean, in units of W/d or of what is left on others, if that is less
+_OF_LOOSE = 1e-3
+#: force left on a ball after a step, over the most before it, from which the ball counts as loose too
+_FAILED = 0.3
 #: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
 _CLOSE = 1e-9
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
@@ -138,10 +145,12 @@ class TrueEquilibrium(Equilibrium):
         push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
 
+        product = self.place.multiply(acting.springs, acting.forces)
+
         def apply(vector: Array) -> Array:
             motion = Motion(vector.reshape(self.balls.shape), 0.0)
-            change = np.ravel(self.place.respond(motion, acting.law, acting.forces, acting.shears)[0])
-            curvature = float(vector @ change)
+            change = np.ravel(product(motion.balls, None)[0])
+            curvature = dot(vector, change)
             if curvature < 0.0:
                 moved = self.place.geometry.split(motion)[0]
                 if curvature < -_ROUNDING * sum(float(np.sum(acting.springs * one**2)) for one in moved):
@@ -208,56 +217,105 @@ def equilibrate_in_truth(
     if tolerance is None:
         tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio)) if ratio else REST_TOLERANCE
     geometry = ExactGeometry(stencils, deviations, ratio)
-    inverses = Preconditioners(geometry.held, _MOST_STIFF)
-    free = load.overlap is None
-    y, taken, count = start.overlap if load.overlap is None else load.overlap, start.conjugate, start.newton
-    near = isinstance(start, TrueEquilibrium) or not np.any(start.forces == 0.0) or not ratio
-    # from a state on the lattice loose balls have far to go: the interior-point method leads them
-    for steps in (_FEW_STEPS, _NEWTON_STEPS) if near else (_NEWTON_STEPS,):
-        balls, overlap, saddles = start.balls, y, 0
-        if not near or steps > _FEW_STEPS:
-            close = min(_CLOSE, _OF_RATIO * ratio)
-            found = approach(geometry, y, balls, load.force if free else None, inverses, False, close)
-            if found:
-                overlap, balls, newton, conjugate = found
-                count, taken = count + newton, taken + conjugate
-        trial = _Trial(geometry.place(balls, overlap), load)
-        for _ in range(steps):
-            distance = max(trial.left, trial.missed)
-            if trial.left <= tolerance and trial.missed <= _LOAD_TOLERANCE:
-                state = TrueEquilibrium(
-                    deviations=deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils),
-                    residual=trial.left, newton=count, conjugate=taken, lattice=stencils.lattice, ratio=ratio,
-                )  # fmt: skip
-                stiffness = geometry.weigh(state.stiffnesses, state.forces)
-                down, conjugate = state.share(deviations, stencils).find_way_down(inverses.choose(stiffness))
-                taken, saddles = taken + conjugate, saddles + 1
-                stable = down is None or trial.bend(down) >= 0.0
-                if down is None or (stable and tolerance == _LEAST_TOLERANCE):
-                    return replace(state, conjugate=taken).share(deviations, stencils)
-                if saddles > _MOST_SADDLES:
-                    break
-                if not stable:
-                    trial = _go_down(geometry, trial, down, load)
-                    continue
-                tolerance = max(_FINER * trial.left, _LEAST_TOLERANCE)
-            stiffness = 1.5 * trial.root
-            stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
-            step, conjugate = geometry.solve(
-                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push),
-                inverses.choose(geometry.weigh(stiffness, trial.forces)),
-                min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), free,
-            )  # fmt: skip
-            inverses.count(conjugate)
-            count, taken = count + 1, taken + conjugate
-            trial = _search(geometry, trial, step, load)
-    raise ConvergenceError(
-        message(
-            f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
-            f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
-            "Raise the load, or take fewer balls",
-        )
+    path = _Path(geometry, load, start, tolerance)
+    state = path.part() or path.lead()
+    return replace(state, newton=start.newton + path.newton, conjugate=start.conjugate + path.conjugate).share(
+        deviations, stencils
     )
+
+
+class _Path:
+    """Way of an array to rest from an equilibrium ``start``, and the numbers of steps and iterations on it."""
+
+    def __init__(self, geometry: ExactGeometry, load: Prescribed, start: Equilibrium, tolerance: float) -> None:
+        self._geometry, self._load, self._start, self._tolerance = geometry, load, start, tolerance
+        self._inverses = Preconditioners(geometry.held, _MOST_STIFF)
+        self._overlap = start.overlap if load.overlap is None else load.overlap
+        self._saddles = self.newton = self.conjugate = 0
+
+    def part(self) -> TrueEquilibrium | None:
+        """Return the state at rest, None if it is not found so: loose balls are led to rest apart from the others."""
+        geometry, stencils = self._geometry, self._geometry.stencils
+        cages, heavy = Cages(geometry), self._start.forces > _LIGHT * self._start.force
+        loose = (stencils.around(heavy.astype(float)) <= len(stencils.shape)).ravel()
+        trial = _Trial(geometry.place(self._start.balls, self._overlap), self._load)
+        for _ in range(_ROUNDS):
+            outside = float(np.max(trial.on_balls, where=~loose, initial=0.0))
+            if np.any(trial.on_balls[loose]):
+                least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
+                trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
+            if self._is_at_rest(trial):
+                trial, state = self._probe(trial)
+                if state or self._saddles > _MOST_SADDLES:
+                    return state
+            before = max(trial.left, trial.missed)
+            step = self._find_step(trial, truly=True)
+            trial = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            loose |= trial.on_balls > _FAILED * before
+        return None
+
+    def lead(self) -> TrueEquilibrium:
+        """Return the state at rest, to which the interior-point method leads all balls together."""
+        force, close = self._load.force if self._load.overlap is None else None, min(_CLOSE, _OF_RATIO * self._geometry.ratio)
+        overlap, balls = self._overlap, self._start.balls
+        found = approach(self._geometry, overlap, balls, force, self._inverses, False, close)
+        if found:
+            overlap, balls, newton, conjugate = found
+            self.newton, self.conjugate = self.newton + newton, self.conjugate + conjugate
+        trial = self._try(balls, overlap)
+        for _ in range(_NEWTON_STEPS):
+            if self._is_at_rest(trial):
+                trial, state = self._probe(trial)
+                if state:
+                    return state
+                if self._saddles > _MOST_SADDLES:
+                    break
+            trial = _search(self._geometry, trial, self._find_step(trial), self._load)
+        raise ConvergenceError(
+            message(
+                f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
+                f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
+                "Raise the load, or take fewer balls",
+            )
+        )
+
+    def _try(self, balls: Array, overlap: float) -> _Trial:
+        return _Trial(self._geometry.place(balls, overlap), self._load)
+
+    def _is_at_rest(self, trial: _Trial) -> bool:
+        return trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE
+
+    def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:
+        """Return the step of Newton's method; see :meth:`~granphon.array.true_geometry.ExactGeometry.solve`."""
+        distance = max(trial.left, trial.missed)
+        stiffness = 1.5 * trial.root
+        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+        step, conjugate = self._geometry.solve(
+            trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push),
+            self._inverses.choose(self._geometry.weigh(stiffness, trial.forces)),
+            min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)), self._load.overlap is None, truly,
+        )  # fmt: skip
+        self._inverses.count(conjugate)
+        self.newton, self.conjugate = self.newton + 1, self.conjugate + conjugate
+        return step
+
+    def _probe(self, trial: _Trial) -> tuple[_Trial, TrueEquilibrium | None]:
+        """Return the state at rest if its energy is least; if not, a trial from where to go on, downhill from a saddle."""
+        geometry, stencils = self._geometry, self._geometry.stencils
+        state = TrueEquilibrium(
+            deviations=self._start.deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils),
+            residual=trial.left, lattice=stencils.lattice, ratio=geometry.ratio,
+        )  # fmt: skip
+        inverse = self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
+        down, conjugate = state.share(state.deviations, stencils).find_way_down(inverse)
+        self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
+        stable = down is None or trial.bend(down) >= 0.0
+        if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
+            return trial, state
+        if not stable:
+            return _go_down(geometry, trial, down, self._load), None
+        self._tolerance = max(_FINER * trial.left, _LEAST_TOLERANCE)
+        return trial, None
 
 
 class _Trial:
@@ -273,10 +331,12 @@ class _Trial:
         none = np.zeros((0, *closed.shape))
         self.pull = place.pull(self.forces, none)
         self.push = closed.size * find_lack(load, place, self.forces, none)
-        largest = math.sqrt(float(np.max(np.sum(stencils.cartesian(self.pull) ** 2, axis=0))))
+        squares = np.sum(stencils.cartesian(self.pull) ** 2, axis=0).ravel()
         if not self.force > 0.0:
             raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
-        self.left, self.missed = largest / self.force, abs(self.push) / (closed.size * self.force)
+        #: forces left on the balls, one after the other, over the mean force; and the most
+        self.on_balls = np.sqrt(squares) / self.force
+        self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (closed.size * self.force)
 
     def bend(self, way: Array) -> float:
         """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
+from granphon.array.coupling import SymmetricProduct
 from granphon.array.friction import Tangent
 from granphon.array.geometry import Inverse, Law, Place, Product
 from granphon.array.residuals import Single
@@ -85,8 +86,8 @@ class ExactGeometry:
         #: stencils with the vectors of :meth:`split`
         self.frame = stencils.observe(_frame_rows(stencils))
         self._is_small = self.frame.coupling.is_small
-        self._dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
-        pushes = _frame_rows(stencils)[: self._dimension]
+        self.dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
+        pushes = _frame_rows(stencils)[: self.dimension]
         #: stencils with elongations, and with displacements across contacts, for preconditioners
         self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
 
@@ -97,19 +98,18 @@ class ExactGeometry:
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
         """Return the overlaps of contacts, and slips of zero: they are counted from there."""
         overlaps = self.place(balls, overlap).overlaps
-        return overlaps, np.zeros((self._dimension - 1, *overlaps.shape))
+        return overlaps, np.zeros((self.dimension - 1, *overlaps.shape))
 
     def solve(
         self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool,
+        free: bool, truly: bool = False,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion without friction; see :class:`Geometry`.
 
         Forces push balls aside with the stiffness -f eps/|w|. It is taken with the other sign, with which there is always a
-        solution; balls that are pushed aside then go the same way.
+        solution; balls that are pushed aside then go the same way. If ``truly`` is true, its own sign is tried before.
         """
-        size, shape, none = right.balls.size, right.balls.shape, np.zeros((0, *stiffness.shape))
-        held = 1.0 / float(np.sum(stiffness))
+        size, shape, held = right.balls.size, right.balls.shape, 1.0 / float(np.sum(stiffness))
 
         def split(vector: Array) -> Motion:
             return Motion(vector[:size].reshape(shape), float(vector[size]) if free else 0.0)
@@ -117,19 +117,22 @@ class ExactGeometry:
         def join(balls: Array, press: float) -> Array:
             return np.append(balls, press) if free else np.ravel(balls)
 
-        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
-            return stiffness * loss, slip
-
-        found, taken, _ = solve_by_descent(
-            lambda vector: join(*place.respond(split(vector), law, -forces, none)),
-            lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-            join(*right), reduction, _MOST_STEPS,
-        )  # fmt: skip
-        return split(found), taken
+        count = 0
+        for sign in (1.0, -1.0) if truly else (-1.0,):
+            product = place.multiply(stiffness, sign * forces)
+            found, taken, stable = solve_by_descent(
+                lambda vector, product=product: join(*product(*split(vector))),
+                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
+                join(*right), reduction, _MOST_STEPS,
+            )  # fmt: skip
+            count += taken
+            if stable:
+                break
+        return split(found), count
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
         """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by forces, without a sign."""
-        return np.concatenate([stiffness, *[self.ratio * forces] * (self._dimension - 1)])
+        return np.concatenate([stiffness, *[self.ratio * forces] * (self.dimension - 1)])
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
@@ -141,7 +144,7 @@ class ExactGeometry:
 
     def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
         """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
-        p, r = self._dimension, self._turns
+        p, r = self.dimension, self._turns
         moved = (*rows[:p], *_ZERO[p:])
         if not r:
             return moved, _ZERO, _ZERO
@@ -155,12 +158,12 @@ class ExactGeometry:
 
     def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
-        parts = [*push[: self._dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
+        parts = [*push[: self.dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
         return np.array([np.broadcast_to(part, self.means.shape) for part in parts])
 
     def axes(self) -> Array:
         """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
-        p = self._dimension
+        p = self.dimension
         return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[:p, :p].transpose(2, 0, 1)
 
 
@@ -327,6 +330,17 @@ class ExactPlace:
         moved, total, difference = self.geometry.split(motion)
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
+
+    def multiply(self, stiffness: Array, forces: Array) -> SymmetricProduct:
+        """Return the product of :meth:`respond` with motions of balls without rotations, by the ``stiffness`` of contacts.
+
+        It gives the sum of forces along the directions on the lattice, which differs by a part of order eps.
+        """
+        n, aside = np.array(self.normal[: self.geometry.dimension]), self.geometry.ratio * forces / self.size
+        table = (stiffness + aside) * n[:, None] * n
+        for a in range(len(n)):
+            table[a, a] -= aside
+        return SymmetricProduct(self.geometry.frame.coupling, table)
 
     def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
         """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""

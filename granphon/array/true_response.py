@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_descent
+from granphon.array.coupling import SymmetricProduct
 from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
@@ -69,7 +70,12 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     inverse = _choose_inverse(place, acting, stencils, stiff)
     holding = 0.0 if symmetric else HOLDING * stiff
 
+    table = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
+    product = SymmetricProduct(place.geometry.frame.coupling, np.array(list(table))) if symmetric else None
+
     def apply(vector: Array) -> Array:
+        if product is not None:
+            return np.ravel(product(vector.reshape(shape), None)[0])
         motion = Motion(vector.reshape(shape), 0.0)
         change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
         return np.ravel(change) + holding * vector

@@ -1,0 +1,191 @@
+"""Balls that bear little, brought to rest in the cages of the others, which are held.
+
+Near the rigidity threshold many balls are loose: nothing holds them, or only two others in line, between which they stay on
+the lattice, but in their true geometry not. Then they move out until they touch a third, and may push others about; what
+they bear in the end is of the order W/d of the other forces, or nothing. These ways are long, and each is a matter of a few
+balls, while the others hardly move. So balls are told apart: where loose balls are neighbours they form a cluster; other
+balls are held. Each cluster is brought to rest by Newton's method, with steps of its own length; sparse factors solve the
+equations of all clusters together, whose matrix has a block for each. Clusters at rest drop out.
+
+As everywhere (:mod:`granphon.array.true_equilibrium`), the stiffness -f W/d by which forces push balls aside is taken with
+the other sign: a step is then about as long as a ball is far from the line between two others.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.array_rows import number_cells
+from granphon.array.true_geometry import ExactGeometry
+
+__all__ = ["Cages"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+#: largest number of steps of Newton's method, and of trials for the lengths of one
+_STEPS, _LENGTHS = 100, 12
+#: slope of the energy at the end of a step over that at its beginning, at most
+_SLOPE = 0.3
+#: stiffness added to each contact, over the mean times the distance from balance; see the same in true_equilibrium
+_ADDED_STIFFNESS = 1e-2
+#: stiffness that holds balls which nothing else holds, over the mean
+_HOLDING = 1e-14
+
+
+class Cages:
+    """Table of the contacts of an array, from which clusters of loose balls are cut."""
+
+    def __init__(self, geometry: ExactGeometry) -> None:
+        stencils = self._stencils = geometry.stencils
+        self._cells, self._ratio, self._dimension = math.prod(stencils.shape), geometry.ratio, len(stencils.shape)
+        i, j = (self._cells * ball[:, None] for ball in np.transpose(stencils.ends))
+        self._i = (i + np.arange(self._cells)).ravel()
+        self._j = (j + number_cells(stencils.shape, stencils.shifts)).ravel()
+        self._normal = stencils.lattice.contacts.normal[:, : self._dimension].T
+        self._means = geometry.means.ravel()
+
+    def settle(self, balls: Array, overlap: float, loose: NDArray[np.bool_], force: float, tolerance: float) -> Array:
+        """Return the displacements (fields, L1, ..., Lp) when the ``loose`` ones of all balls in turn have come to rest.
+
+        At rest less than ``tolerance`` times the mean ``force`` is left on each. Clusters that do not come to rest are left
+        where the last step has taken them.
+        """
+        where = self._stencils.displacements(balls).reshape(self._dimension, -1)
+        chosen = np.flatnonzero(loose)
+        place = np.full(loose.size, chosen.size)
+        place[chosen] = np.arange(chosen.size)
+        mine = np.flatnonzero(loose[self._i] | loose[self._j])
+        normal, still = self._normal[:, mine // self._cells], np.where(loose, 0.0, where)
+        fixed = still[:, self._j[mine]] - still[:, self._i[mine]] - overlap * normal
+        ends = place[self._i[mine]], place[self._j[mine]]
+        where[:, chosen] = _Clusters(normal, self._means[mine], *ends, fixed, where[:, chosen], self._ratio).settle(
+            force, tolerance
+        )
+        fields = (self._stencils.basis @ where).reshape(self._dimension, self._stencils.n_balls, -1).swapaxes(0, 1)
+        return np.asarray(fields.reshape(balls.shape))
+
+
+class _Clusters:
+    """Loose balls and their contacts, cluster by cluster.
+
+    Contacts have directions e (p, n) and means of x; ``i`` and ``j`` number their balls, one more than the last being any
+    that is held; ``fixed`` (p, n) is the part of v that does not change.
+    """
+
+    def __init__(
+        self, normal: Array, means: Array, i: Indices, j: Indices, fixed: Array, balls: Array, ratio: float
+    ) -> None:  # fmt: skip
+        self._normal, self._means, self._i, self._j, self._fixed, self._ratio = normal, means, i, j, fixed, ratio
+        count = balls.shape[1]
+        self._clusters, self._of_ball = _join(i, j, np.ones(i.size, bool), count)
+        self._of_contact = self._of_ball[np.minimum(i, j)]
+        self._balls, self._moved, self._numbers = balls.copy(), balls, np.arange(count)
+
+    def settle(self, force: float, tolerance: float) -> Array:
+        """Return the displacements (p, balls) at rest."""
+        for _ in range(_STEPS):
+            pull, root, size, normal = self._find_forces(self._moved)
+            left = np.zeros(self._clusters)
+            np.maximum.at(left, self._of_ball, np.sqrt(np.sum(pull**2, axis=0)) / force)
+            if np.any(left[self._of_ball] <= tolerance):
+                self._keep(left > tolerance)
+                if not self._numbers.size:
+                    break
+                pull, root, size, normal = self._find_forces(self._moved)
+            self._move(pull, self._find_step(pull, root, size, normal, left, force), root, tolerance * force)
+        self._keep(np.zeros(self._clusters, bool))
+        return self._balls
+
+    def _keep(self, active: NDArray[np.bool_]) -> None:
+        """Go on with the ``active`` ones of the clusters alone."""
+        self._balls[:, self._numbers] = self._moved
+        balls, contacts = np.flatnonzero(active[self._of_ball]), np.flatnonzero(active[self._of_contact])
+        place = np.full(self._numbers.size + 1, balls.size)
+        place[balls] = np.arange(balls.size)
+        self._i, self._j = place[self._i[contacts]], place[self._j[contacts]]
+        self._normal, self._fixed = self._normal[:, contacts], self._fixed[:, contacts]
+        self._means, self._of_contact = self._means[contacts], self._of_contact[contacts]
+        self._moved, self._numbers, self._of_ball = self._moved[:, balls], self._numbers[balls], self._of_ball[balls]
+
+    def _find_forces(self, moved: Array) -> tuple[Array, Array, Array, Array]:
+        """Return forces on balls, roots of overlaps, distances |w|, and directions n; see true_geometry."""
+        padded, count = np.pad(moved, ((0, 0), (0, 1))), moved.shape[1]
+        v = self._fixed + padded[:, self._j] - padded[:, self._i]
+        w = self._normal + self._ratio * v
+        size = np.sqrt(np.sum(w * w, axis=0))
+        w /= size
+        change = np.sum((2.0 * self._normal + self._ratio * v) * v, axis=0) / (1.0 + size)
+        root = np.sqrt(np.maximum(self._means - change, 0.0))
+        push = root**3 * w
+        pull = [
+            np.bincount(self._j, one, count + 1)[:count] - np.bincount(self._i, one, count + 1)[:count] for one in push
+        ]
+        return np.array(pull), root, size, w
+
+    def _find_step(self, pull: Array, root: Array, size: Array, normal: Array, left: Array, force: float) -> Array:
+        """Return the step (p, balls) of Newton's method."""
+        from scipy.sparse import coo_array, diags_array
+        from scipy.sparse.linalg import splu
+
+        p, count, mean = *pull.shape, 1.5 * np.cbrt(force)
+        aside = self._ratio * root**3 / size
+        blocks = (1.5 * root - aside) * normal[:, None] * normal + aside * np.eye(p)[..., None]
+        values, rows, columns = [], [], []
+        for a, b, sign in ((self._i, self._i, 1.0), (self._j, self._j, 1.0), (self._i, self._j, -1.0), (self._j, self._i, -1.0)):
+            inside = np.flatnonzero(np.maximum(a, b) < count)
+            for k in range(p):
+                for m in range(p):
+                    values.append(sign * blocks[k, m, inside])
+                    rows.append(p * a[inside] + k)
+                    columns.append(p * b[inside] + m)
+        entries: Any = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+        held = mean * (_HOLDING + _ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
+        matrix = coo_array(entries, shape=(p * count, p * count)).tocsc() + diags_array(np.repeat(held, p), format="csc")
+        factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return np.asarray(factors.solve(pull.T.ravel()).reshape(count, p).T)
+
+    def _move(self, pull: Array, step: Array, root: Array, at_rest: float) -> None:
+        """Take a step; balls that touch, or would at its end, go the same part of it, to where their energy is least.
+
+        Where the energy still falls at its end they go all of it.
+        """
+        begun, padded = self._moved, np.pad(step, ((0, 0), (0, 1)))
+        ahead = padded[:, self._j] - padded[:, self._i]
+        at_end = self._find_forces(begun + step)
+        groups, part = _join(self._i, self._j, (root > 0.0) | (at_end[1] > 0.0), step.shape[1])
+        of_contact = part[np.minimum(self._i, self._j)]
+        first, most = np.bincount(part, np.sum(pull * step, axis=0), groups), np.zeros(groups)
+        np.maximum.at(most, part, np.sum(pull**2, axis=0))
+        resting = most <= at_rest**2
+        low, high, length = np.zeros(groups), np.full(groups, np.inf), np.where(resting, 0.0, 1.0)
+        for trial in range(_LENGTHS):
+            self._moved = begun + length[part] * step
+            pull, root, _, normal = self._find_forces(self._moved) if trial or np.any(resting) else at_end
+            slope = -np.bincount(part, np.sum(pull * step, axis=0), groups)
+            low, high = np.where(slope < 0.0, length, low), np.where(slope > 0.0, length, high)
+            done = resting | (slope <= 0.0) & (high == np.inf) | (np.abs(slope) <= _SLOPE * first)
+            if np.all(done):
+                break
+            # of one contact that closes on the way the slope is -first + c (length - place)^(3/2)
+            rise = np.bincount(of_contact, 1.5 * root * np.sum(normal * ahead, axis=0) ** 2, groups)
+            above = np.where(done | (slope <= 0.0), 1.0, first + slope)
+            change = np.where(slope > 0.0, 1.5 * (1.0 - np.cbrt(first / above) ** 2) * above, slope)
+            near = length - change / np.where(rise > 0.0, rise, np.inf)
+            inside = np.clip(near, 0.9 * low + 0.1 * np.minimum(high, 1.0), 0.1 * low + 0.9 * np.minimum(high, 1.0))
+            length = np.where(done, length, inside)
+
+
+def _join(i: Indices, j: Indices, contact: NDArray[np.bool_], count: int) -> tuple[int, Indices]:
+    """Return the number of the groups of balls between which there is a ``contact``, and the group of each ball."""
+    from scipy.sparse import coo_array  # imported here: most simulations do not need it
+    from scipy.sparse.csgraph import connected_components
+
+    links = np.flatnonzero(contact & (np.maximum(i, j) < count))
+    groups, of_ball = connected_components(
+        coo_array((np.ones(links.size), (i[links], j[links])), shape=(count, count)), directed=False
+    )
+    return int(groups), of_ball
