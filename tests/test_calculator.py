@@ -930,7 +930,8 @@ def test_the_origin_of_slip_is_where_there_is_no_torque():
 
 def simulated(friction, overlap=0.05, width=2.04e-6, **more):
     spread = gp.Uniform(width)
-    simulation = gp.DirectSimulation(gp.Packing(STEEL, DIAMETER, spread, friction=friction), (9, 8), seed=3, **more)
+    packing = gp.Packing(STEEL, DIAMETER, spread, friction=friction)
+    simulation = gp.DirectSimulation(packing, (9, 8), seed=3, **{"geometry": "lattice"} | more)
     return simulation.at_overlap(np.asarray(overlap) * width)
 
 

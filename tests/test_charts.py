@@ -199,6 +199,7 @@ def test_an_axis_of_values_that_differ_by_rounding_goes_a_twentieth_to_either_si
     ax.plot([1.0, 2.0], values)
     ax.margins(0.1)
     scales.scale_axis(ax, "y", values)
+    scales.widen_axis(ax, "y", values)
     assert_allclose(ax.get_ylim(), [0.095, 0.105], rtol=1e-9)
     ax.figure.draw_without_rendering()
     assert ax.get_tightbbox().height < 1.1 * ax.figure.bbox.height

@@ -221,7 +221,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "no sample": ("medium: ala", "medium: {simulation: {samples: 0}}", 12, "medium.simulation.samples", "0", "a whole number from 1", ""),
     "seed that is none": ("medium: ala", "medium: [ala, simulation: {seed: -1}]", 12, "medium.1.simulation.seed", "-1", "a whole number from 0", ""),
     "simulation with finite overlap": (
-        "  friction: true\nload:\n  force: 18.446 N\nmedium: ala", "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, simulation]", 9,
+        "  friction: true\nload:\n  force: 18.446 N\nmedium: ala", "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, {simulation: {geometry: lattice}}]", 9,
         "packing.finite_overlap", "true", "false, with a simulation", "Leave finite_overlap out",
     ),
     "simulation of another lattice": (

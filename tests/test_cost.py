@@ -20,7 +20,8 @@ WIDTH = 2.04e-6
 
 
 def simulation(shape=(64, 64), friction=True, samples=1):
-    return gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=friction), shape, samples=samples)
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=friction)
+    return gp.DirectSimulation(packing, shape, samples=samples, geometry="lattice")
 
 
 @pytest.mark.claim("array-estimate")
@@ -269,7 +270,8 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
 
 def pressed(mu, shape=(20, 20), **more):
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))
-    return gp.DirectSimulation(packing, shape, friction_history=True, friction_coefficient=mu, **more)
+    own = {"friction_history": True, "friction_coefficient": mu, "geometry": "lattice"} | more
+    return gp.DirectSimulation(packing, shape, **own)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import dataclasses
 import json
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ from granphon.scene.scene import Scene
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH, D = 2.04e-6, 8e-3
+#: in the directions of the lattice, the limit of small width
+simulate = partial(gp.DirectSimulation, geometry="lattice")
 #: small samples of each lattice
 SHAPES = {"chain": (9,), "triangular": (6, 5), "fcc": (3, 2, 2), "hcp": (2, 2, 2)}
 #: fcc in its cube of four balls
@@ -44,7 +47,7 @@ def packing(lattice, **more):
 
 
 def simulation(lattice, samples=1, **more):
-    return gp.DirectSimulation(packing(lattice, **more), SHAPES[lattice], samples=samples)
+    return simulate(packing(lattice, **more), SHAPES[lattice], samples=samples)
 
 
 # -- scenes -------------------------------------------------------------------------------------------------------------
@@ -216,7 +219,7 @@ def test_no_single_anisotropy(lattice):
 def test_samples_apart_are_samples_together(lattice, load, values):
     media = {"simulation": {"shape": SHAPES[lattice], "seed": 2, "samples": 2}}
     ds = gp.sweep(packing(lattice), **{load: values}, media=media)
-    state = getattr(gp.DirectSimulation(packing(lattice), SHAPES[lattice], 2, 2), f"at_{load}")(values)
+    state = getattr(simulate(packing(lattice), SHAPES[lattice], 2, 2), f"at_{load}")(values)
     p = len(SHAPES[lattice])
     velocities, moduli = gp.sound_velocities(state, np.eye(p)[0]), gp.moduli(state)
     expected = {"exponent": state.exponent, "exponent_error": state.exponent_error, "overlap": state.overlap}
@@ -248,7 +251,7 @@ def test_directions_lattices_and_media_together(tmp_path):
         path=tmp_path / "sweep.nc",
     )  # fmt: skip
     for lattice in ("fcc", "hcp"):
-        state = gp.DirectSimulation(packing(lattice, friction=False), (3, 2, 2), samples=2).at_force([10.0, 30.0])
+        state = simulate(packing(lattice, friction=False), (3, 2, 2), samples=2).at_force([10.0, 30.0])
         v = gp.sound_velocities(state, ways)
         there = ds.sel(lattice=lattice)
         for name in ("longitudinal_error", "transverse_slow_error", "transverse_fast_error"):
@@ -318,7 +321,7 @@ def test_the_model_of_a_fit_is_that_of_the_samples_along_its_direction(lattice, 
     model = VelocityModel(packing(lattice), ("width", "young_modulus"), choice, places, waves)
     logs = model.find_start(WIDTH)
     found, slopes = model(logs)
-    state = gp.DirectSimulation(packing(lattice), (2, 2, 2), seed=1).at_force(places)
+    state = simulate(packing(lattice), (2, 2, 2), seed=1).at_force(places)
     wanted = getattr(gp.sound_velocities(state, direction), branch)
     assert_allclose(found, wanted, rtol=1e-7)
     difference = [(np.log(model(logs + s)[0]) - np.log(model(logs - s)[0])) / 2e-5 for s in 1e-5 * np.eye(2)]
@@ -332,7 +335,7 @@ def test_the_model_of_a_fit_is_that_of_the_samples_along_its_direction(lattice, 
 @pytest.mark.parametrize("friction", [False, True])
 def test_force_constants_of_a_sample_are_differences_of_its_forces(lattice, friction):
     shapes = {"chain": (7,), "triangular": (4, 4), "fcc": (4, 3, 3), "hcp": (3, 3, 2)}
-    state = gp.DirectSimulation(packing(lattice, friction=friction), shapes[lattice]).at_force(10.0)
+    state = simulate(packing(lattice, friction=friction), shapes[lattice]).at_force(10.0)
     balls = gp.HertzMindlin(state).adopt(state.sample.atoms())
     balls.calc = gp.HertzMindlin(state)
     constants, p = balls.calc.get_force_constants(balls), len(shapes[lattice])
@@ -370,14 +373,14 @@ def test_atoms_and_phonons_of_a_mean_over_samples(lattice):
 def test_long_chains_come_to_rest(force):
     """Displacements add up like a random walk, whose rounding is all that is left of forces on the balls."""
     balls = packing("chain")
-    state = gp.DirectSimulation(balls, (5000,)).at_force(force * balls.width_units.force)
+    state = simulate(balls, (5000,)).at_force(force * balls.width_units.force)
     assert_allclose(state.overlap, balls.law.overlap(state.force), rtol=1e-11)
     assert_allclose(gp.moduli(state).bulk, balls.law.stiffness(state.overlap) * D, rtol=1e-11)
     assert state.contact_force_fluctuation < 1e-9
 
 
 def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does():
-    state = gp.DirectSimulation(packing("fcc"), (4, 5, 6)).at_overlap((0.2 - 0.5) * WIDTH)
+    state = simulate(packing("fcc"), (4, 5, 6)).at_overlap((0.2 - 0.5) * WIDTH)
     assert 0.0 < state.contact_fraction < 0.02
     carrying = state.sample.contact_forces > 1e-6 * state.force
     assert set(state.sample.atoms().arrays["contacts"].tolist()) == {0, 2}
@@ -394,14 +397,14 @@ def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
     moduli = gp.moduli(result.state)
     assert moduli.cubic
     # near that of fcc, which it is, from other samples
-    fcc = gp.moduli(gp.DirectSimulation(packing("fcc"), (3, 3, 3), samples=2).at_force(10.0))
+    fcc = gp.moduli(simulate(packing("fcc"), (3, 3, 3), samples=2).at_force(10.0))
     assert moduli.anisotropy == pytest.approx(fcc.anisotropy, abs=0.02)
 
 
 @pytest.mark.parametrize("load", [{"force": 1e-300}, {"force": 1e-9}, {"overlap": 1e-30}])
 def test_a_chain_at_a_load_that_is_not_simulated_knows_of_no_threshold(load):
     ((kind, value),) = load.items()
-    chain = gp.DirectSimulation(packing("chain"), shape=(5,))
+    chain = simulate(packing("chain"), shape=(5,))
     with pytest.raises(InputError, match=r"1e-08, the least that is simulated.*every medium is exact") as error:
         getattr(chain, f"at_{kind}")(value)
     assert "threshold" not in str(error.value)
@@ -411,7 +414,7 @@ def test_a_chain_at_a_load_that_is_not_simulated_knows_of_no_threshold(load):
 
 
 def test_a_chain_that_is_not_pressed_is_told_so_by_every_medium():
-    for medium in (gp.AveragedForce(packing("chain")), gp.DirectSimulation(packing("chain"), shape=(5,))):
+    for medium in (gp.AveragedForce(packing("chain")), simulate(packing("chain"), shape=(5,))):
         with pytest.raises(InputError, match="overlap is zero"):
             medium.at_overlap(0.0)
         with pytest.raises(InputError, match="tensile"):
@@ -421,4 +424,4 @@ def test_a_chain_that_is_not_pressed_is_told_so_by_every_medium():
 @pytest.mark.parametrize(("lattice", "shape"), [("fcc", (10**9,) * 3), ("triangular", (2**31, 2**31))])
 def test_a_shape_beyond_all_arrays_is_one_clear_error(lattice, shape):
     with pytest.raises(InputError, match=r"shape is .* cells\. No memory holds more than 2\.81e\+14\. Give fewer"):
-        gp.DirectSimulation(packing(lattice), shape=shape)
+        simulate(packing(lattice), shape=shape)

@@ -725,7 +725,7 @@ def test_two_parameters_are_fitted_with_finite_overlap(seed):
     [
         {"geometry": "exact"},
         pytest.param({"geometry": "exact", **PRESSED}, marks=pytest.mark.exhaustive),
-        {**PRESSED, "start": {"force": float(0.08 * WIDE.width_units.force)}},
+        {**PRESSED, "geometry": "lattice", "start": {"force": float(0.08 * WIDE.width_units.force)}},
     ],
     ids=["exact", "exact with friction", "from a load"],
 )
@@ -735,7 +735,7 @@ def test_samples_that_belong_to_one_width_give_it(options):
     data = velocities(WIDE, given, HIGH[2:])
     fit = fit_width(BALLS, HIGH[2:], data, 1.0, medium=given)
     assert_allclose(fit.width, WIDE.width, rtol=1e-2)  # but for the cusps of so few balls
-    exact = "geometry" in options
+    exact = options["geometry"] == "exact"
     assert fit.waves.finite_overlap == exact
     assert_allclose(fit.velocity_at(HIGH[2:]), fit.velocities, rtol=1e-4)
     assert WidthFit.from_dict(fit.to_dict()) == fit
@@ -772,7 +772,7 @@ def test_pressures_in_the_exact_geometry():
 def test_what_a_simulation_is_not_fitted_to():
     data = EXACT["ema"]
     with pytest.raises(InputError, match="'simulation' has no terms of finite overlap"):
-        fit_width(BALLS, FORCE, data, medium="simulation", finite_overlap=True)
+        fit_width(BALLS, FORCE, data, medium={"simulation": {"geometry": "lattice"}}, finite_overlap=True)
     with pytest.raises(InputError, match="square lattice is not simulated"):
         fit_width(replace(BALLS, lattice="square"), FORCE, data, medium="simulation", direction=(1, 0))
     with pytest.raises(InputError, match=r"medium\.simulation\.samples: found 0"):
@@ -891,7 +891,7 @@ def test_the_command_fits_a_simulated_medium(folder, capsys):
     (folder / "data.csv").write_text("\n".join(["force (N),velocity (m/s)", *(f"{f!r},{v!r}" for f, v in rows)]))
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     printed = capsys.readouterr().out
-    assert "medium                simulation(shape=32 32)" in printed
+    assert "medium                simulation(geometry=lattice, shape=32 32)" in printed
     assert re.search(r"width                 2\.0[345]\d* um \+/-", printed)
     assert (folder / "out" / "fit.png").read_bytes().startswith(b"\x89PNG")
 

@@ -9,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.__main__ import main
 from granphon.balls.loads import Load
 from granphon.media.choice import MediumChoice
 from granphon.media.ladder import expected_error
@@ -126,7 +125,7 @@ medium: {simulation: {shape: 10 10%s}}
 """
 
 
-def test_check_warns_before_anything_is_simulated_and_tables_mark_it(tmp_path, capsys):
+def test_check_warns_before_anything_is_simulated_and_tables_mark_it(tmp_path, capsys, main):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE % ", geometry: lattice")
     assert main(["check", str(scene)]) == 0

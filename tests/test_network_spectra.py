@@ -56,7 +56,7 @@ class Dense:
 def disordered():
     """A sample with open contacts, friction and rotations."""
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    return gp.DirectSimulation(packing, shape=(7, 6), seed=3).at_force(0.05).sample.network
+    return gp.DirectSimulation(packing, shape=(7, 6), seed=3, geometry="lattice").at_force(0.05).sample.network
 
 
 @pytest.fixture(scope="module")
@@ -697,7 +697,7 @@ def test_wave_in_a_network_of_no_lattice_has_the_length_of_its_wave_vector(disor
 def test_disorder_broadens_lines(disordered):
     """The shorter the wave, the more it scatters."""
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    waves = gp.Waves(gp.DirectSimulation(packing, shape=(32, 32), seed=1).at_force(1.0).sample)
+    waves = gp.Waves(gp.DirectSimulation(packing, shape=(32, 32), seed=1, geometry="lattice").at_force(1.0).sample)
     q = waves.nearest_wavevectors([[0.0, 30.0], [0.0, 110.0], [0.0, 220.0]])
     found = waves.spectral_function(q, resolution=200.0)
     assert found.width[0] < found.width[1] < found.width[2]
@@ -708,7 +708,10 @@ def test_disorder_broadens_lines(disordered):
 def test_average_over_arrays():
     """The mean of spectra is that of the mean moments, on one scale; tops differ from array to array."""
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    every = [gp.Waves(gp.DirectSimulation(packing, shape=(8, 8), seed=seed).at_force(0.5).sample) for seed in (1, 2, 3)]
+    every = [
+        gp.Waves(gp.DirectSimulation(packing, shape=(8, 8), seed=seed, geometry="lattice").at_force(0.5).sample)
+        for seed in (1, 2, 3)
+    ]
     q = every[0].nearest_wavevectors([[100.0, 0.0], [0.0, 200.0]])
     found = [one.spectral_function(q, resolution=500.0) for one in every]
     mean = SpectralFunction.average(found)

@@ -52,7 +52,7 @@ def test_network_of_cells_has_the_bands_of_the_lattice(name, motions, shape):
 
 def test_network_of_a_sample_has_its_elastic_energy():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    sample = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0).sample
+    sample = gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice").at_force(2.0).sample
     network = sample.network
     assert network.n_contacts == round(3 * 48 * sample.contact_fraction(0.0))
     pull = np.zeros((48, 3))
@@ -124,7 +124,7 @@ def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
 
 def test_array_of_a_sample_is_one_and_a_changed_one_is_not():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    network = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0).sample.network
+    network = gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice").at_force(2.0).sample.network
     assert find_kinds(network) is not None
     uneven = np.linspace(1.0, 1.1, network.n_contacts)
     turned = {"i": network.j, "j": network.i, "shift": -network.shift, "normal": -network.normal}
@@ -194,7 +194,7 @@ def test_network_of_atoms_that_are_open_and_lack_balls():
 
 def test_network_of_the_atoms_of_a_sample_is_nearly_its_own():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    state = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0)
+    state = gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice").at_force(2.0)
     balls = state.sample.atoms()
     balls.calc = gp.HertzMindlin(state)
     own, other = state.sample.network, gp.Waves(balls).network
@@ -211,7 +211,9 @@ def test_what_has_no_network_is_one_error():
         gp.Waves(state)
     with pytest.raises(gp.GranphonError, match="2 loads"):
         ContactNetwork.from_state(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]), shape=(3, 3))
-    simulated = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3).at_force(2.0)
+    simulated = gp.DirectSimulation(
+        gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3, geometry="lattice"
+    ).at_force(2.0)
     with pytest.raises(gp.GranphonError, match=r"of 1 simulated samples.* state.samples\[0\].network"):
         ContactNetwork.from_state(simulated, shape=(6, 8))
     with pytest.raises(gp.GranphonError, match=r"gp.Waves\(state.samples\[0\]\)"):

@@ -8,6 +8,7 @@ import json
 import math
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 
 import ase.io
 import numpy as np
@@ -25,6 +26,8 @@ from granphon.dynamics.tensors import bulk_and_shear
 from granphon.media.simulation import SampleLaw, SimulatedState
 
 WIDTH, D = 2.04e-6, 8e-3
+#: in the directions of the lattice, the limit of small width
+simulate = partial(gp.DirectSimulation, geometry="lattice")
 #: of steel with this spread, by f*: the exponent and its standard error, from 24 samples of 96 x 96, seeds from 9000 on
 EXPONENTS = {0.03: (0.2822, 0.0013), 0.1: (0.2502, 0.0006), 0.3: (0.2111, 0.0002), 1.0: (0.17192, 0.00001)}
 FORCES = np.array([[2.0, 5.0], [18.0, 0.5], [5.0, 50.0]])
@@ -37,7 +40,7 @@ def spread(steel):
 
 @pytest.fixture(scope="module")
 def medium(spread):
-    return gp.DirectSimulation(spread, (9, 8), seed=5, samples=3)
+    return simulate(spread, (9, 8), seed=5, samples=3)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +59,7 @@ def unit_of_force(packing):
 @pytest.mark.parametrize("shape", [(1, 1), (3, 1), (4, 5)], ids=str)
 @pytest.mark.parametrize("force", [1e-12, 5.0, 1e6])
 def test_equal_balls_are_the_averaged_lattice(packing, shape, force):
-    state = gp.DirectSimulation(packing, shape, samples=2).at_force(force)
+    state = simulate(packing, shape, samples=2).at_force(force)
     hertz = gp.AveragedLattice(packing).at_force(force)
     for name in ("force", "overlap", "normal_stiffness", "shear_stiffness", "pressure"):
         assert getattr(state, name) == pytest.approx(getattr(hertz, name), rel=1e-13)
@@ -73,14 +76,14 @@ def test_equal_balls_are_the_averaged_lattice(packing, shape, force):
 @pytest.mark.parametrize("none", [None, gp.Uniform(0.0), gp.Discrete((D,), (1.0,))], ids=str)
 def test_a_spread_without_width_is_none(steel, none):
     packing = gp.Packing(steel, D, none)
-    state = gp.DirectSimulation(packing, (3, 3)).at_overlap([1e-9, 1e-6])
+    state = simulate(packing, (3, 3)).at_overlap([1e-9, 1e-6])
     np.testing.assert_allclose(state.force, packing.law.force(np.array([1e-9, 1e-6])), rtol=1e-13)
     with pytest.raises(InputError, match="tensile"):
-        gp.DirectSimulation(packing, (3, 3)).at_overlap(-1e-9)
+        simulate(packing, (3, 3)).at_overlap(-1e-9)
 
 
 def test_given_equal_diameters_leave_the_packing_as_it_is(packing):
-    medium = gp.DirectSimulation(packing, diameters=np.full((3, 4), 7e-3))
+    medium = simulate(packing, diameters=np.full((3, 4), 7e-3))
     assert medium.packing == packing
     assert medium.at_force(5.0).overlap == pytest.approx(float(packing.law.overlap(5.0)), rel=1e-14)
 
@@ -89,7 +92,7 @@ def test_given_equal_diameters_leave_the_packing_as_it_is(packing):
 
 
 def test_a_sample_is_its_equilibrium_in_si(spread):
-    sample = gp.DirectSimulation(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
+    sample = simulate(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
     x = (sample.diameters - D) / WIDTH
     assert np.mean(x) == pytest.approx(0.0, abs=1e-12)
     reduced = equilibrate(x - np.mean(x), Prescribed(overlap=0.1))
@@ -120,8 +123,8 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
 
 def test_length_and_material_are_only_scales(steel):
     glass = gp.Material(70e9, 0.276, 2500.0)  # of steel's Poisson ratio
-    one = gp.DirectSimulation(gp.Packing(steel, 8e-3, gp.Uniform(2e-6)), (8, 8)).at_overlap(0.3e-6)
-    two = gp.DirectSimulation(gp.Packing(glass, 1e-4, gp.Uniform(4e-9)), (8, 8)).at_overlap(0.6e-9)
+    one = simulate(gp.Packing(steel, 8e-3, gp.Uniform(2e-6)), (8, 8)).at_overlap(0.3e-6)
+    two = simulate(gp.Packing(glass, 1e-4, gp.Uniform(4e-9)), (8, 8)).at_overlap(0.6e-9)
     for name in ("reduced_force", "reduced_spacing", "force_fluctuation", "contact_fraction"):
         assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-8)
     moduli = gp.moduli(one), gp.moduli(two)
@@ -208,7 +211,7 @@ def test_loads_are_three_ways_to_say_one(medium):
     assert by_pressure.force == pytest.approx(5.0, rel=1e-12)
     assert by_pressure.overlap == pytest.approx(by_force.overlap, rel=1e-10)
     # one sample: the same at its overlap. Of several, means at one force and at one overlap differ
-    single = gp.DirectSimulation(medium.packing, medium.shape, medium.seed)
+    single = simulate(medium.packing, medium.shape, medium.seed)
     again = single.at_overlap(single.at_force(5.0).overlap)
     assert again.force == pytest.approx(5.0, rel=1e-12)
     assert again.normal_stiffness == pytest.approx(single.at_force(5.0).normal_stiffness, rel=1e-9)
@@ -254,7 +257,7 @@ def test_a_law_keeps_the_samples_that_were_asked_for_last(spread, monkeypatch):
 
     monkeypatch.setattr(gp.DirectSimulation, "at_overlap", at_overlap)
     monkeypatch.setattr("granphon.media.simulation._MOST_KEPT", 2)
-    law = gp.DirectSimulation(spread, (4, 4)).law
+    law = simulate(spread, (4, 4)).law
     first, second, third = 1e-6, 2e-6, 3e-6
     forces = {overlap: law.force(overlap) for overlap in (first, second)}
     assert law.force(first) == forces[first]
@@ -270,14 +273,14 @@ def test_a_law_keeps_the_samples_that_were_asked_for_last(spread, monkeypatch):
 
 def test_what_workers_found_comes_back(spread):
     with ProcessPoolExecutor(1) as executor:
-        samples = gp.DirectSimulation(spread, (4, 6), executor=executor).at_force([5.0, 2.0]).samples
+        samples = simulate(spread, (4, 6), executor=executor).at_force([5.0, 2.0]).samples
     assert all("_derivatives" in vars(sample.equilibrium) for sample in samples)
     assert samples[0].equilibrium.deviations is samples[1].equilibrium.deviations
     assert samples[0].equilibrium.stencils is samples[1].equilibrium.stencils
 
 
 def test_a_law_is_sent_elsewhere_without_the_samples_that_it_has_found(spread):
-    law = gp.DirectSimulation(spread, (16, 16)).law
+    law = simulate(spread, (16, 16)).law
     before = len(pickle.dumps(law))
     law.force(np.linspace(1e-6, 2e-6, 5))
     assert len(pickle.dumps(law)) < before + 16 * 16 * 8  # a number for each ball would be more
@@ -285,13 +288,13 @@ def test_a_law_is_sent_elsewhere_without_the_samples_that_it_has_found(spread):
 
 def test_seeds_end_where_64_bits_do(spread):
     last = 2**64 - 1
-    assert gp.DirectSimulation(spread, (2, 2), seed=last).at_force(5.0).sample.seed == last
+    assert simulate(spread, (2, 2), seed=last).at_force(5.0).sample.seed == last
     with pytest.raises(InputError, match=f"seed: found {last}; allowed: a whole number from 0 to {last - 1}"):
-        gp.DirectSimulation(spread, (2, 2), seed=last, samples=2)
+        simulate(spread, (2, 2), seed=last, samples=2)
 
 
 def test_an_error_says_which_load_it_is(spread):
-    medium = gp.DirectSimulation(spread, (8, 8))
+    medium = simulate(spread, (8, 8))
     with pytest.raises(InputError, match="carries no load") as caught:
         medium.at_overlap([1e-6, -0.4 * 2.04e-6, 2e-6])
     assert caught.value.load_index == 1
@@ -329,14 +332,14 @@ def test_means_and_standard_errors(states):
 def test_standard_error_of_the_mean_falls_as_the_root_of_samples(spread):
     errors = []
     for samples in (16, 256):
-        state = gp.DirectSimulation(spread, (6, 6), samples=samples).at_overlap(0.5 * WIDTH)
+        state = simulate(spread, (6, 6), samples=samples).at_overlap(0.5 * WIDTH)
         errors.append(state.standard_error("force"))
     # known to 1/sqrt(2 n), n = 15
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=3.0 / math.sqrt(30.0))
 
 
 def test_one_sample_has_no_error(spread):
-    state = gp.DirectSimulation(spread, (6, 6)).at_force(5.0)
+    state = simulate(spread, (6, 6)).at_force(5.0)
     assert gp.sound_velocities(state).longitudinal_error is gp.moduli(state).bulk_error is None
     with pytest.raises(InputError, match="no standard error"):
         state.standard_error("force")
@@ -344,7 +347,7 @@ def test_one_sample_has_no_error(spread):
 
 @pytest.mark.claim("api-simulation")
 def test_contacts_above_a_threshold(spread):
-    sample = gp.DirectSimulation(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
+    sample = simulate(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
     parts = sample.contact_forces / sample.force
     for threshold in (0.0, 1e-9, 1e-6, 0.5, 1.0):
         assert sample.contact_fraction(threshold) == np.count_nonzero(parts > threshold) / 1200.0
@@ -353,7 +356,7 @@ def test_contacts_above_a_threshold(spread):
 
 
 def test_distribution_of_forces_integrates_to_one(spread):
-    sample = gp.DirectSimulation(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
+    sample = simulate(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
     edges, density = sample.force_distribution(bins=40, largest=50.0)
     assert edges.shape == (41,)
     assert (edges[0], edges[-1]) == (0.0, 50.0)
@@ -366,7 +369,7 @@ def test_distribution_of_forces_integrates_to_one(spread):
 
 @pytest.mark.parametrize("given", [{"bins": -3}, {"bins": 2.5}, {"largest": 0.0}, {"largest": math.nan}, {"least": 7.0}])
 def test_a_distribution_without_bins_is_an_error(spread, given):
-    sample = gp.DirectSimulation(spread, (4, 4)).at_overlap(0.5 * WIDTH).sample
+    sample = simulate(spread, (4, 4)).at_overlap(0.5 * WIDTH).sample
     with pytest.raises(InputError, match="bins"):
         sample.force_distribution(**given)
 
@@ -378,7 +381,7 @@ def test_executors_and_threads_change_no_digit(spread, medium, states):
     mediums = []
     with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
         for executor, workers in ((threads, 1), (processes, 1), (None, 2)):
-            mediums.append(gp.DirectSimulation(spread, (9, 8), seed=5, samples=3, executor=executor, workers=workers))
+            mediums.append(simulate(spread, (9, 8), seed=5, samples=3, executor=executor, workers=workers))
             assert mediums[-1] == medium
             assert hash(mediums[-1]) == hash(medium)
             again = mediums[-1].at_force(FORCES)
@@ -388,7 +391,7 @@ def test_executors_and_threads_change_no_digit(spread, medium, states):
 
 def test_numbers_of_a_seed_stay_the_same(spread):
     # diameters to the last digit on any machine; forces to their tolerance
-    state = gp.DirectSimulation(spread, (4, 3), seed=7).at_overlap(0.5 * WIDTH)
+    state = simulate(spread, (4, 3), seed=7).at_overlap(0.5 * WIDTH)
     sample = state.sample
     given = gp.Uniform(WIDTH).sample((4, 3), 7)
     np.testing.assert_allclose(sample.diameters, D + given - np.mean(given), rtol=1e-15)
@@ -397,14 +400,14 @@ def test_numbers_of_a_seed_stay_the_same(spread):
     assert sample.equilibrium.deviations[0].tolist() == pytest.approx(golden, rel=0.0, abs=1e-15)
     assert state.reduced_force == pytest.approx(0.3606033467262, rel=1e-11)
     # the next samples are those of the next seeds
-    three = gp.DirectSimulation(spread, (4, 3), seed=5, samples=3).at_overlap(0.5 * WIDTH)
+    three = simulate(spread, (4, 3), seed=5, samples=3).at_overlap(0.5 * WIDTH)
     assert three.samples[2] == sample
 
 
 def test_given_diameters(spread, packing):
-    drawn = gp.DirectSimulation(spread, (5, 6), seed=2).at_force(5.0)
+    drawn = simulate(spread, (5, 6), seed=2).at_force(5.0)
     # with another mean, which is shifted: the same sample
-    medium = gp.DirectSimulation(spread, diameters=drawn.sample.diameters + 1e-5)
+    medium = simulate(spread, diameters=drawn.sample.diameters + 1e-5)
     assert medium.shape == (5, 6)
     assert not medium.diameters.flags.writeable
     state = medium.at_force(5.0)
@@ -412,16 +415,16 @@ def test_given_diameters(spread, packing):
     assert state.overlap == pytest.approx(drawn.overlap, rel=1e-9)
     np.testing.assert_allclose(state.sample.diameters, drawn.sample.diameters, rtol=1e-14)
     # a packing without a spread takes theirs
-    own = gp.DirectSimulation(packing, diameters=drawn.sample.diameters + 1e-5)
+    own = simulate(packing, diameters=drawn.sample.diameters + 1e-5)
     assert own.packing.diameter == pytest.approx(D, rel=1e-15)
     assert own.packing.width == pytest.approx(math.sqrt(12.0) * float(np.std(drawn.sample.diameters)), rel=1e-9)
     again = own.at_force(5.0)
     assert again.overlap == pytest.approx(drawn.overlap, rel=1e-9)
     assert again.reduced_spacing != pytest.approx(drawn.reduced_spacing, rel=1e-3)  # its W is the sample's own
     assert SimulatedState.from_dict(json.loads(json.dumps(again.to_dict()))) == again
-    assert own == gp.DirectSimulation(packing, diameters=drawn.sample.diameters + 1e-5)
-    assert own != gp.DirectSimulation(packing, diameters=drawn.sample.diameters[::-1])
-    assert own != gp.DirectSimulation(packing, (5, 6))
+    assert own == simulate(packing, diameters=drawn.sample.diameters + 1e-5)
+    assert own != simulate(packing, diameters=drawn.sample.diameters[::-1])
+    assert own != simulate(packing, (5, 6))
 
 
 # -- other spreads and shapes -------------------------------------------------------------------------------------------
@@ -438,7 +441,7 @@ SPREADS = {
 def test_any_spread(steel, name):
     chosen = SPREADS[name]
     packing = gp.Packing(steel, chosen.mean or D, chosen)
-    state = gp.DirectSimulation(packing, (16, 16), samples=4).at_force([0.2, 5.0, 5000.0])
+    state = simulate(packing, (16, 16), samples=4).at_force([0.2, 5.0, 5000.0])
     assert all(sample.residual <= 1e-10 for sample in state.samples)
     for sample in state.samples:
         assert np.mean(sample.diameters) == pytest.approx(packing.diameter, rel=1e-15)
@@ -460,7 +463,7 @@ def test_any_spread(steel, name):
 def test_any_shape_seed_and_load(shape, seed, decade, friction):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), D, gp.Uniform(1e-16), friction=friction)
     force = 10.0**decade * packing.law.coefficient * 1e-24
-    state = gp.DirectSimulation(packing, shape, seed).at_force(force)
+    state = simulate(packing, shape, seed).at_force(force)
     assert state.force == force
     assert state.sample.residual <= 1e-10
     assert 0.0 < state.normal_stiffness < math.inf
@@ -474,7 +477,7 @@ def test_any_shape_seed_and_load(shape, seed, decade, friction):
 def test_very_high_loads_are_hertzs(steel):
     # so little spread that a* = 1e12 is a small part of the diameter
     width = 1e-16
-    medium = gp.DirectSimulation(gp.Packing(steel, D, gp.Uniform(width)), (8, 8))
+    medium = simulate(gp.Packing(steel, D, gp.Uniform(width)), (8, 8))
     spacings = np.array([1e4, 1e7, 1e12])
     states = medium.at_overlap((spacings - 0.5) * width)
     hertz = gp.AveragedLattice(dataclasses.replace(medium.packing, spread=None)).at_overlap(states.overlap)
@@ -489,7 +492,7 @@ def test_very_high_loads_are_hertzs(steel):
 
 
 def test_friction_does_not_touch_statics(spread, medium, states):
-    smooth = gp.DirectSimulation(dataclasses.replace(spread, friction=False), (9, 8), seed=5, samples=3).at_force(FORCES)
+    smooth = simulate(dataclasses.replace(spread, friction=False), (9, 8), seed=5, samples=3).at_force(FORCES)
     np.testing.assert_array_equal(smooth.overlap, states.overlap)
     assert np.all(gp.moduli(states).shear > gp.moduli(smooth).shear)
     np.testing.assert_allclose(gp.moduli(smooth).bulk, math.sqrt(0.75) / D * smooth.over_samples(
@@ -504,14 +507,14 @@ def test_friction_does_not_touch_statics(spread, medium, states):
 @pytest.mark.parametrize("reduced", [1.0, 0.03])
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
     packing = dataclasses.replace(spread, friction=friction)
-    medium, force = gp.DirectSimulation(packing, (9, 8), seed=3), reduced * unit_of_force(spread)
+    medium, force = simulate(packing, (9, 8), seed=3), reduced * unit_of_force(spread)
     state, ends = medium.at_force(force), medium.at_force(force * np.exp([-STEP, STEP]))
     np.testing.assert_allclose(ends.force / force, [0.95, 1.05], atol=0.002)  # as the pages say
     expected = np.diff(np.log(gp.sound_velocities(ends).longitudinal))[0] / np.diff(np.log(ends.pressure))[0]
     alike = [
         state, medium.at_pressure(state.pressure), medium.at_overlap(state.overlap),
         medium.at_force([force, 2.0 * force])[0],
-        gp.DirectSimulation(packing, diameters=state.sample.diameters).at_force(force),
+        simulate(packing, diameters=state.sample.diameters).at_force(force),
     ]  # fmt: skip
     for one in alike:
         assert gp.local_exponent(one) == one.exponent == pytest.approx(expected, rel=1e-6)
@@ -520,7 +523,7 @@ def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, 
 
 def test_the_exponent_of_several_samples_is_that_of_their_mean_moduli(spread):
     # so small that they differ, and so pressed that no contact opens: what is left of the step is its square
-    medium, step = gp.DirectSimulation(spread, (3, 3), seed=8, samples=5), 1e-4
+    medium, step = simulate(spread, (3, 3), seed=8, samples=5), 1e-4
     for at, load in ((medium.at_force, 4.0 * unit_of_force(spread)), (medium.at_overlap, 2.0 * WIDTH)):
         state, ends = at(load), at(load * (1.0 + step * np.array([-1.0, 1.0])))
         assert np.ptp(state.over_samples(lambda sample: sample.elastic_tensor)) > 0.0
@@ -539,7 +542,7 @@ def part(state, which):
 
 
 def test_the_error_of_the_exponent_is_that_of_leaving_samples_out(spread):
-    medium = gp.DirectSimulation(spread, (6, 6), seed=1, samples=6)
+    medium = simulate(spread, (6, 6), seed=1, samples=6)
     for state in (medium.at_force(0.1 * unit_of_force(spread)), medium.at_overlap(0.2 * WIDTH)):
         without = [part(state, [i for i in range(6) if i != out]).exponent for out in range(6)]
         expected = math.sqrt(5.0 * np.var(without))
@@ -550,7 +553,7 @@ def test_the_error_of_the_exponent_is_that_of_leaving_samples_out(spread):
 @pytest.mark.claim("exponent-step")
 @pytest.mark.parametrize("kind", ["force", "overlap"])
 def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
-    at = getattr(gp.DirectSimulation(spread, (8, 8), samples=2), f"at_{kind}")
+    at = getattr(simulate(spread, (8, 8), samples=2), f"at_{kind}")
     load = 3.0 * unit_of_force(spread) if kind == "force" else 2.0 * WIDTH
 
     def exponent(step):
@@ -566,7 +569,7 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
 
 @pytest.mark.claim("exponent-step")
 def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
-    at = gp.DirectSimulation(spread, (8, 8), samples=2).at_force
+    at = simulate(spread, (8, 8), samples=2).at_force
 
     def exponent(step):
         monkeypatch.setattr("granphon.array.sample.STEP", step)
@@ -581,7 +584,7 @@ def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
 @pytest.mark.claim("exponent-exact-law")
 def test_neither_bars_nor_bias_where_balls_are_equal(packing):
     for samples in (1, 3):
-        state = gp.DirectSimulation(packing, (4, 3), samples=samples).at_force([1.0, 50.0])
+        state = simulate(packing, (4, 3), samples=samples).at_force([1.0, 50.0])
         np.testing.assert_allclose(state.exponent, 1.0 / 6.0, rtol=1e-14)
         assert np.array_equal(state.exponent_error, [0.0, 0.0])
         assert state[0].exponent_error == 0.0
@@ -593,7 +596,7 @@ def test_at_high_loads_the_exponent_is_that_of_the_exact_law(steel):
     # f* = x^(3/2) (1 + r/(64 x^2)), x = a* - 1/2, without friction: the bulk modulus goes as df/dx
     packing = gp.Packing(steel, D, gp.Uniform(WIDTH), friction=False)
     x = np.array([8.0, 16.0, 32.0])
-    states = gp.DirectSimulation(packing, (32, 32), samples=4).at_overlap(x * WIDTH)
+    states = simulate(packing, (32, 32), samples=4).at_overlap(x * WIDTH)
     xi = gp.EffectiveMedium(packing).local_field.xi
     r = xi / (1.0 + xi)
     np.testing.assert_allclose(64.0 * x**2 * (states.reduced_force / x**1.5 - 1.0), r, rtol=0.05)
@@ -612,9 +615,7 @@ def test_at_high_loads_the_exponent_is_that_of_the_exact_law(steel):
 @pytest.fixture(scope="module")
 def small(spread):
     """Two dozen samples at the loads of EXPONENTS."""
-    return gp.DirectSimulation(spread, (8, 8), seed=400, samples=24).at_force(
-        np.array(list(EXPONENTS)) * unit_of_force(spread)
-    )
+    return simulate(spread, (8, 8), seed=400, samples=24).at_force(np.array(list(EXPONENTS)) * unit_of_force(spread))
 
 
 @pytest.mark.claim("exponent-errors")
@@ -650,14 +651,14 @@ def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
 def test_neighbouring_loads_have_neighbouring_exponents(spread):
     # derivatives at these very loads are 0.394, 0.284, 0.271: at the first a contact is about to open
     force = 0.06 * np.array([1.0, 1.01, 1.02]) * unit_of_force(spread)
-    states = gp.DirectSimulation(spread, (8, 8), seed=400, samples=4).at_force(force)
+    states = simulate(spread, (8, 8), seed=400, samples=4).at_force(force)
     assert np.ptp(states.exponent) < 0.01
     assert np.ptp(states.exponent_error) < 0.1 * np.min(states.exponent_error)
 
 
 def test_next_to_the_least_force_the_exponent_is_there(spread):
     # where one contact more or less decides, nothing changes over the step but all overlaps in proportion
-    state = gp.DirectSimulation(spread, (5, 5), samples=2).at_force(1.01e-8 * unit_of_force(spread))
+    state = simulate(spread, (5, 5), samples=2).at_force(1.01e-8 * unit_of_force(spread))
     assert state.exponent == pytest.approx(1.0 / 6.0, rel=1e-6)
 
 
@@ -665,7 +666,7 @@ def test_next_to_the_least_force_the_exponent_is_there(spread):
 
 
 def test_atoms_are_read_back(spread, tmp_path):
-    state = gp.DirectSimulation(spread, (5, 4)).at_overlap(0.05 * WIDTH)
+    state = simulate(spread, (5, 4)).at_overlap(0.05 * WIDTH)
     atoms, sample = state.sample.atoms(), state.sample
     ase.io.write(tmp_path / "sample.extxyz", atoms)
     again = ase.io.read(tmp_path / "sample.extxyz")
@@ -719,21 +720,21 @@ def test_atoms_are_read_back(spread, tmp_path):
 )  # fmt: skip
 def test_what_a_simulation_cannot_be(spread, keywords, words):
     with pytest.raises(InputError, match=words):
-        gp.DirectSimulation(spread, **keywords)
+        simulate(spread, **keywords)
 
 
 def test_other_packings(steel):
     with pytest.raises(InputError, match=r"granphon\.Packing"):
-        gp.DirectSimulation(5)
+        simulate(5)
     with pytest.raises(InputError, match="square lattice is not simulated"):
-        gp.DirectSimulation(gp.Packing(steel, D, gp.Uniform(WIDTH), lattice="square"))
+        simulate(gp.Packing(steel, D, gp.Uniform(WIDTH), lattice="square"))
 
 
 @pytest.mark.parametrize(
     "load", [0.0, -1.0, math.nan, math.inf, "a", None, 1j, [1.0, -1.0], [], [[1.0], [2.0, 3.0]]], ids=str
 )
 def test_loads_that_cannot_be(spread, load):
-    medium = gp.DirectSimulation(spread, (3, 3))
+    medium = simulate(spread, (3, 3))
     for at in (medium.at_force, medium.at_pressure):
         with pytest.raises(InputError):
             at(load)
@@ -744,7 +745,7 @@ def test_loads_that_cannot_be(spread, load):
 
 @pytest.mark.parametrize("load", [1e300, [5.0, 1e300], 1e13], ids=str)
 def test_loads_beyond_a_diameter(packing, spread, load):
-    for medium in (gp.DirectSimulation(spread, (3, 3)), gp.DirectSimulation(packing, (3, 3))):
+    for medium in (simulate(spread, (3, 3)), simulate(packing, (3, 3))):
         for at in (medium.at_force, medium.at_pressure, medium.at_overlap):
             with pytest.raises(InputError, match=r"presses the balls together by|too large for double precision"):
                 at(load)
@@ -755,7 +756,7 @@ def test_loads_beyond_a_diameter(packing, spread, load):
 
 @pytest.mark.parametrize("load", [1e-300, [5.0, 1e-300]], ids=str)
 def test_loads_below_double_precision(packing, load):
-    medium = gp.DirectSimulation(packing, (3, 3))
+    medium = simulate(packing, (3, 3))
     with pytest.raises(InputError, match="too small or too large"):
         medium.at_overlap(load)
     np.testing.assert_array_equal(medium.at_force(load).force, load)
@@ -763,7 +764,7 @@ def test_loads_below_double_precision(packing, load):
 
 @pytest.mark.claim("least-loads")
 def test_too_little_load(spread):
-    medium = gp.DirectSimulation(spread, (8, 8))
+    medium = simulate(spread, (8, 8))
     with pytest.raises(InputError, match="carries no load"):
         medium.at_overlap(-0.2 * WIDTH)
     with pytest.raises(InputError, match="no balls touch"):
@@ -775,7 +776,7 @@ def test_too_little_load(spread):
 
 def test_given_balls_may_differ_by_more_than_their_spread(spread):
     diameters = D + WIDTH * np.where(np.arange(36).reshape(6, 6) % 2, 2.0, -2.0)
-    medium = gp.DirectSimulation(spread, diameters=diameters)
+    medium = simulate(spread, diameters=diameters)
     with pytest.raises(InputError, match=r"no balls touch. The largest are 4.08e-06 m wider"):
         medium.at_overlap(-2.1 * WIDTH)
     assert medium.at_overlap(-0.6 * WIDTH).force > 0.0
@@ -783,7 +784,7 @@ def test_given_balls_may_differ_by_more_than_their_spread(spread):
 
 def test_terms_of_finite_overlap_are_not_known(steel):
     """Moduli of the paper's limit over the density of the shrunk array gave 1692.7 m/s for 1701.5 m/s at one force."""
-    medium = gp.DirectSimulation(gp.Packing(steel, D, gp.Uniform(20e-6)), (8, 8))
+    medium = simulate(gp.Packing(steel, D, gp.Uniform(20e-6)), (8, 8))
     state = medium.at_overlap(0.005 * D)
     for kind in ("force", "pressure", "overlap"):
         with pytest.raises(InputError, match="'simulation' has no terms of finite overlap"):
@@ -803,7 +804,7 @@ def test_terms_of_finite_overlap_are_not_known(steel):
 
 def test_an_error_in_another_process_is_the_same(spread):
     with ProcessPoolExecutor(1) as pool, pytest.raises(InputError, match="carries no load"):
-        gp.DirectSimulation(spread, (8, 8), executor=pool).at_overlap(-0.2 * WIDTH)
+        simulate(spread, (8, 8), executor=pool).at_overlap(-0.2 * WIDTH)
     assert not issubclass(InputError, ConvergenceError)
 
 
@@ -815,7 +816,7 @@ def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
 
     def expected(width, friction=True):
         packing = gp.Packing(steel, D, gp.Uniform(width), friction=friction)
-        state = gp.DirectSimulation(packing, (12, 12), seed=1).at_overlap(overlaps * width)
+        state = simulate(packing, (12, 12), seed=1).at_overlap(overlaps * width)
         return state, gp.validity(state)
 
     state, report = expected(2.04e-6)
@@ -834,7 +835,7 @@ def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
     packing = gp.Packing(steel, D, gp.Uniform(2.04e-6))
     for without in (
         expected(2.04e-6, friction=False)[1],
-        gp.validity(gp.DirectSimulation(gp.Packing(steel, D), (3, 3)).at_force(1.0)),
+        gp.validity(simulate(gp.Packing(steel, D), (3, 3)).at_force(1.0)),
         gp.validity(gp.EffectiveMedium(packing).at_force(0.1)),
     ):
         assert "shear" not in [check.name for check in without.checks]

@@ -217,11 +217,12 @@ def test_samples_apart_are_samples_together(rough, load, values):
 
 def test_a_sweep_of_samples_warns_as_their_state_does(rough):
     """Of loose balls, whose shear modulus is too small, too."""
-    medium = gp.DirectSimulation(rough, (10, 10), 2, 3)
+    medium = gp.DirectSimulation(rough, (10, 10), 2, 3, geometry="lattice")
     least = 0.01 * rough.law.force(rough.width)  # f* = 0.01
     warnings = gp.validity(medium.at_force([least, 100.0 * least])).warnings
     assert any("shear modulus" in warning for warning in warnings)
-    ds = sweep(rough, force=[least, 100.0 * least], media=SAMPLES)
+    samples = {"simulation": {**SAMPLES["simulation"], "geometry": "lattice"}}
+    ds = sweep(rough, force=[least, 100.0 * least], media=samples)
     assert [text.split(": ", 1)[1] for text in json.loads(ds.attrs["warnings"])] == list(warnings)
 
 
@@ -303,7 +304,7 @@ def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
 )
 def test_each_load_of_a_sample_is_kept(rough, tmp_path, load, executor):
     """What goes on from the middle of a sample has the numbers of what went through, to the last bit."""
-    arguments = {**load, "media": {"simulation": {"shape": (8, 8)}}}
+    arguments = {**load, "media": {"simulation": {"shape": (8, 8), "geometry": "lattice"}}}
     whole, (values,) = sweep(rough, **arguments), load.values()
     for stop in range(1, len(values)):
         path = tmp_path / str(stop) / "sweep.nc"
@@ -538,7 +539,10 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 labels for 2 corners"),
         ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
         ({"force": 1.0, "media": {"simulation": {"shape": 8}}}, "medium.simulation.shape: found 8; allowed: two whole"),
-        ({"force": 1.0, "media": "simulation", "finite_overlap": True}, "'simulation' has no terms of finite overlap"),
+        (
+            {"force": 1.0, "media": {"simulation": {"geometry": "lattice"}}, "finite_overlap": True},
+            "'simulation' has no terms of finite overlap",
+        ),
         (
             {"force": 1.0, "media": "simulation", "lattice": "square"},
             "simulation, lattice = square: the square lattice is not",

@@ -694,7 +694,7 @@ medium: [ema, {simulation: {%s}}, {auto: {tolerance: 0.1, friction_history: true
         file.write_text(scene % f"friction_history: true, friction_coefficient: {mu}", encoding="utf-8")
         assert main(["tradeoff", str(file)]) == 2
     # media that are loaded in two ways leave two truths
-    assert [str(one) for one in asked] == ["arrays loaded with friction, mu = 0.2, shear_response slide"]
+    assert [str(one) for one in asked] == ["arrays loaded with friction, mu = 0.2, shear_response stick"]
     with pytest.raises(InputError, match="found no friction_coefficient"):
         tradeoff(rough, force=1.0, friction_history=True)
 

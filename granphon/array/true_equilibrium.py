@@ -256,7 +256,10 @@ class _Path:
 
     def lead(self) -> TrueEquilibrium:
         """Return the state at rest, to which the interior-point method leads all balls together."""
-        force, close = self._load.force if self._load.overlap is None else None, min(_CLOSE, _OF_RATIO * self._geometry.ratio)
+        force, close = (
+            self._load.force if self._load.overlap is None else None,
+            min(_CLOSE, _OF_RATIO * self._geometry.ratio),
+        )
         overlap, balls = self._overlap, self._start.balls
         found = approach(self._geometry, overlap, balls, force, self._inverses, False, close)
         if found:

@@ -58,7 +58,7 @@ with _open_door():
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-__all__ = ["FORCES", "MOTION", "POLARISATION", "ROTATION", "SPECTRUM", "hide_axes", "name_axis", "scale_axis"]
+__all__ = ["FORCES", "MOTION", "POLARISATION", "ROTATION", "SPECTRUM", "hide_axes", "name_axis", "scale_axis", "widen_axis"]
 
 Array = NDArray[np.float64]
 
@@ -101,9 +101,17 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
     axis.set_minor_formatter(NullFormatter())
-    if span < 1.0 + _ROUNDING:  # on an axis from rounding to rounding, ticks and frame land anywhere
-        low, high = axis.get_view_interval()
-        ax.set(**{f"{which}lim": (min(low, there.min() * (1.0 - _AROUND)), max(high, there.max() * (1.0 + _AROUND)))})
+
+
+def widen_axis(ax: Axes, which: str, values: Array) -> None:
+    """Let the ``which`` axis of values that differ by rounding, if at all, go a twentieth to either side of them, or more.
+
+    On an axis from rounding to rounding ticks and frame would land anywhere.
+    """
+    least, most = float(values.min()), float(values.max())
+    if most < least * (1.0 + _ROUNDING):
+        low, high = getattr(ax, f"{which}axis").get_view_interval()
+        ax.set(**{f"{which}lim": (min(low, least * (1.0 - _AROUND)), max(high, most * (1.0 + _AROUND)))})
 
 
 def name_axis(ax: Axes, which: str, values: Array, label: str, unit: str) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 # before matplotlib, whose import this module guards
-from granphon.figures.scales import scale_axis
+from granphon.figures.scales import scale_axis, widen_axis
 
 # isort: split
 import matplotlib
@@ -100,8 +100,10 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     ax.margins(0.14)
     ran = [point for point in points if point.ran]
     errors = [point.error for point in ran if point.error > 0.0]
-    scale_axis(ax, "x", np.array([p.seconds + side * _limit_bar(p) for p in ran for side in (-1.0, 1.0)] or _TIMES), _PLAIN)
-    scale_axis(ax, "y", np.array(errors or _ERRORS), _PLAIN)
+    times = [p.seconds + side * _limit_bar(p) for p in ran for side in (-1.0, 1.0)]
+    for which, values in (("x", np.array(times or _TIMES)), ("y", np.array(errors or _ERRORS))):
+        scale_axis(ax, which, values, _PLAIN)
+        widen_axis(ax, which, values)
     if not ran:
         ax.set_xlim(*_TIMES)
     if errors:

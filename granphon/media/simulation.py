@@ -153,7 +153,7 @@ class SimulatedState(SampledWaves):
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
             samples=tuple(samples), spaced=spaced,
-            finite_overlap=simulation.is_exact or (simulation.geometry is None and any(one.is_exact for one in samples)),
+            finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
         )  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -86,7 +86,7 @@ class Work:
         return [piece for job in self.jobs for piece in job.pieces]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`pieces` together; variables that only some of the media have are left out."""
+        """Put the results of the :attr:`pieces` together; variables that only some of several media have are left out."""
         left, found = iter(parts), list[TaskResult]()
         for job in self.jobs:
             found.append(job.join(list(islice(left, len(job.pieces)))))
@@ -95,8 +95,15 @@ class Work:
         marks, found = mark_as(found, [job.rung.loads for job in self.jobs]), [strip(part) for part in found]
         order = np.argsort(np.concatenate([job.rung.loads for job in self.jobs]))
         out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
-        for name in [name for name in found[0] if name != "warnings" and all(name in part for part in found)]:
-            out[name] = np.concatenate([part[name] for part in found])[order]
+        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
+        for name, value in named.items():
+            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
+            if all(name in part for part in found) or not self.case.medium.is_automatic:
+                rows = [
+                    part[name] if name in part else np.full((job.load.size, *value.shape[1:]), np.nan)
+                    for part, job in zip(found, self.jobs, strict=True)
+                ]
+                out[name] = np.concatenate(rows)[order]
         return out | marks
 
     def choices(self) -> TaskResult:
