@@ -20,6 +20,7 @@ from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, show
 from granphon.base.validation import require
+from granphon.dynamics.compatibility import require_digits
 
 __all__ = [
     "BandPath",
@@ -198,6 +199,7 @@ def _coordinates(q: Array) -> str:
 
 def check_inside(qpoints: Array, periods: int, what: str) -> None:
     """Raise InputError if wave vectors (n, 3), called ``what``, have a component across the ``periods`` of the lattice."""
+    require_digits(qpoints)
     if np.any(qpoints[:, periods:] != 0.0):
         line, mend = (("line", "Set the second and the third number to 0"), ("plane", "Set the third number to 0"))[
             periods - 1
