@@ -247,7 +247,7 @@ def test_numbers_of_points_that_cannot_be(rough, npoints):
 
 @pytest.mark.parametrize("labels", [["G"], ["G", "K", "M"], []])
 def test_labels_must_be_one_a_corner(rough, labels):
-    with pytest.raises(InputError, match=f"{len(labels)} labels for 2 corners"):
+    with pytest.raises(InputError, match=rf"{len(labels)} labels? for 2 corners"):
         rough.bands([[0, 0], [0.5, 0]], labels=labels)
 
 

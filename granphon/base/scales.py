@@ -47,10 +47,10 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
 
 
-def write_quantity(value: float, unit: str) -> str:
-    """Text of a value in the SI unit ``unit``, with five digits and a decimal prefix, such as "8 mm"."""
+def write_quantity(value: float, unit: str, digits: int = 5) -> str:
+    """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as "8 mm"."""
     size, name = prefixed(value, unit)
-    return f"{value / size:.5g} {name}"
+    return f"{value / size:.{digits}g} {name}"
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity
+from granphon.base.text import counted
 
 if TYPE_CHECKING:
     from granphon.balls.loads import Load
@@ -86,8 +87,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
         states = math.prod(count for count, *_ in sizes)
-        counts = " x ".join(_count(*one) for one in sizes)
-        rows.append(("sweep", f"{counts} = {_count(states, 'state', 'states')}"))
+        counts = " x ".join(counted(*one) for one in sizes)
+        rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
     elif scene.rung.is_quick:
         state = scene.state()
         rows += [
@@ -112,15 +113,11 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows.append(("spectrum", f"{', '.join(scene.spectrum.polarisation)}, {scene.spectrum.points} points in a segment"))
     if scene.pulse is not None and "pulse" in scene.observe:
         pulse = scene.pulse
-        periods = f"{pulse.cycles:g} {'period' if pulse.cycles == 1 else 'periods'}"
+        periods = f"{pulse.cycles:g} period{'s' * (pulse.cycles != 1)}"
         rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {periods}, {pulse.polarisation}"))
     if "dos" in scene.observe and not scene.is_sweep:  # that of a sweep is of arrays
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
-
-
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
 
 
 def describe_choice(rung: Rung) -> str:
@@ -156,7 +153,7 @@ def write_direction(given: Any) -> str:
     """Text of one direction, or of the number of them."""
     if isinstance(given[0], float | int):
         return f"({', '.join(f'{x:g}' for x in given)})"
-    return f"{len(given)} directions"
+    return counted(len(given), "direction")
 
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
@@ -191,8 +188,8 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     """Lines of the tables of a trade-off, one table for each study, of balls on a lattice of 1, 2 or 3 ``periods``."""
     heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
-    runs = _count(result.runs, "warm run", "warm runs")
-    lines = [f"errors at {_count(len(result.loads), 'load', 'loads')}, {loads}; {runs} each"]
+    runs = counted(result.runs, "warm run")
+    lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
     for study in result.studies:
         rows = [heads, *(_write_point(point) for point in result.of(study))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]

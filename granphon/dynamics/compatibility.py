@@ -18,6 +18,7 @@ from granphon.balls.motions import IN_PLANE, Motions, select_motions
 from granphon.base.arguments import finite_array, not_negative, real_array
 from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
 from granphon.base.results import read_only
+from granphon.base.text import counted
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.dynamics.wave_rows import WaveRows
 
@@ -165,7 +166,7 @@ class Compatibility:
             raise InputError(
                 message(
                     "a wave vector has a component across the lattice",
-                    f"The lattice has {count} period{'s' * (count > 1)}",
+                    f"The lattice has {counted(count, 'period')}",
                     "Give 0 for the rest",
                 )
             )

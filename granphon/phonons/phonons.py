@@ -21,6 +21,7 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.base.arguments import grid_numbers, positive, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState, with_keyword
@@ -114,10 +115,10 @@ class Phonons:
 
     def __repr__(self) -> str:
         lattice = self.lattice
-        balls = f"{lattice.n_balls} ball{'s' * (lattice.n_balls > 1)} in the cell"
         return (
-            f"Phonons({self.state.packing.structure.name}, {balls}, {', '.join(lattice.motions.letters)} of each ball,"
-            f" {lattice.n_branches} branch{'es' * (lattice.n_branches > 1)}; frequencies in Hz)"
+            f"Phonons({self.state.packing.structure.name}, {counted(lattice.n_balls, 'ball')} in the cell,"
+            f" {', '.join(lattice.motions.letters)} of each ball, {counted(lattice.n_branches, 'branch', 'branches')};"
+            " frequencies in Hz)"
         )
 
     @cached_property

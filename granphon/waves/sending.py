@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arguments import finite_array, not_negative, positive, real_array
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
+from granphon.base.scales import write_quantity
+from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import make_operator
@@ -316,7 +318,7 @@ def _require_joined(network: ContactNetwork, sources: Index, receivers: Index) -
     if not np.isin(part[receivers], part[sources]).any():
         raise InputError(
             message(
-                f"no contacts join the source and the {len(receivers)} balls of the receiving plane",
+                f"no contacts join the source and the {counted(len(receivers), 'ball')} of the receiving plane",
                 f"The balls fall into {np.max(part) + 1} parts",
                 "Use a higher load, or one of network.pieces()",
             )
@@ -351,23 +353,22 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
 
     ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in their motions.
     """
+    tau, top = write_quantity(damping, "s", 3), write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     if (ratio := operator.top * damping) > _MOST_DAMPED:
-        raise InputError(
-            message(f"a damping of {damping:.3g} s is {ratio:.1e} times as long as the fastest vibration, over 2 pi",
-                    "Nothing moves", f"Give {_MOST_DAMPED / operator.top:.3g} s at most")
-        )  # fmt: skip
+        what = f"with a damping of {tau} nothing moves in a network whose frequencies go up to {top}"
+        raise InputError(message(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most"))
     if uneven and (viscous := ratio * operator.top * duration) > _MOST:
         raise InputError(
-            message(f"a damping of {damping:.3g} s takes {viscous:.3g} products with the matrix of the network",
+            message(f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network",
                     "Different dampings are propagated in steps of the most damped motion", "Give less, or one for both")
         )  # fmt: skip
     products = 0.5 * operator.top * duration
     if products > _MOST:
-        longest, hertz = 2.0 * _MOST / operator.top, operator.top / (2.0 * math.pi)
+        record, longest = (write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top))
         raise InputError(
             message(
-                f"a record of {duration:.3g} s takes {products:.3g} products with the matrix of the network",
-                f"Its frequencies go up to {hertz:.3g} Hz, and {_MOST} products reach {longest:.3g} s",
+                f"a record of {record} takes {products:.3g} products with the matrix of the network",
+                f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}",
                 "Use a higher frequency, fewer cycles, or a shorter distance or duration",
             )
         )
@@ -382,10 +383,11 @@ def _require_room(period: float, length: float, velocity: float, burst: ToneBurs
     if needed > period:
         room = period - velocity * burst.duration
         nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
+        times = ((period - length) / velocity, burst.duration, length / velocity)
+        end, pushed, flight = (write_quantity(one, "s", 3) for one in times)
         raise InputError(
             message(
-                f"the record ends at {(period - length) / velocity:.3g} s, before the burst of {burst.duration:.3g} s and "
-                f"the flight of {length / velocity:.3g} s are over",
+                f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over",
                 f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m long",
                 f"Use {nearer}an array of {needed:.4g} m along the direction, fewer cycles, a higher frequency, or ends: "
                 "free",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief, message
+from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import find_network_warnings
 from granphon.waves.array_operator import make_operator
@@ -73,8 +74,8 @@ class Waves:
     def __repr__(self) -> str:
         network, motions = self.network, self.network.ball_motions
         return (
-            f"Waves({network.n_balls} balls, {network.n_contacts} contacts, {', '.join(motions.letters)} of each ball;"
-            " frequencies in Hz)"
+            f"Waves({counted(network.n_balls, 'ball')}, {counted(network.n_contacts, 'contact')},"
+            f" {', '.join(motions.letters)} of each ball; frequencies in Hz)"
         )
 
     @cached_property
