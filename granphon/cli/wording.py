@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.quantities import load_quantities
-from granphon.base.scales import write_quantity
+from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
 if TYPE_CHECKING:
@@ -40,9 +40,8 @@ def _flatten(value: Any) -> list[float]:
 
 def _describe_load(load: Load, periods: int) -> str:
     frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
-    several = f", {len(load.values)} of them" if len(load.values) > 1 else ""
-    unit = load_quantities(periods)[load.kind].unit
-    return f"{load.kind.replace('_', ' ')} {write_range(load.values, unit)}{several}{frame}"
+    unit, kind, count = load_quantities(periods)[load.kind].unit, load.kind.replace("_", " "), len(load.values)
+    return f"{counted(count, kind) + ',' if count > 1 else kind} {write_range(load.values, unit)}{frame}"
 
 
 def _describe_spread(packing: Packing) -> str:
@@ -142,11 +141,19 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     for name in CATALOGUE:
         one = result.entry(name)
         if one is not None and one.told and name in numbers:
-            error = f" +/- {write_range(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
-            rows.append(
-                (one.label.lower(), write_range(numbers[name], one.unit) + error + (along if one.unit == "m/s" else ""))
-            )
+            said = _write_result(numbers[name], numbers.get(f"{name}_error"), one.unit)
+            rows.append((one.label.lower(), said + (along if one.unit == "m/s" else "")))
     return rows
+
+
+def _write_result(value: Any, error: Any, unit: str) -> str:
+    """Text of a value, or of the ends of several, with their standard errors if these are known."""
+    if error is None:
+        return write_range(value, unit)
+    values, errors = _flatten(value), _flatten(error)
+    if len(values) == 1:
+        return write_uncertain(values[0], errors[0], unit)
+    return f"{write_range(values, unit)} +/- {write_range(errors, unit)}"
 
 
 def write_direction(given: Any) -> str:
@@ -161,11 +168,8 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     from granphon.balls.parameters import PARAMETERS
 
     def valued(value: float, error: float, unit: str) -> str:
-        return (
-            f"{write_quantity(value, unit)} +/- {write_quantity(error, unit)}"
-            if math.isfinite(error)
-            else f"{write_quantity(value, unit)}, error not known"
-        )
+        known = math.isfinite(error)
+        return write_uncertain(value, error, unit) if known else f"{write_quantity(value, unit)}, error not known"
 
     rows = []
     for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
