@@ -24,6 +24,7 @@ from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
 from granphon.media.choice import MediumChoice, _sort_options, read_medium
 from granphon.media.ladder import expected_error
+from granphon.media.left_out import expect_shear_deficit
 from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep

@@ -948,3 +948,22 @@ def test_termination_cleans_up_like_an_interruption(work, capsys, monkeypatch):
     assert "interrupted" in one_error(capsys)
     assert tree(work) == {"scene.yaml"}
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_names_of_files_do_not_command_the_terminal(work, capsys):
+    name = "red\x1b[31m\u202e.yaml"
+    Path(name).write_text(SCENE, encoding="utf-8")
+    assert main(["check", name]) == 0
+    out, _ = capsys.readouterr()
+    assert out.startswith("red\\x1b[31m\\u202e.yaml can be run.\n")
+    assert out.replace("\n", "").isprintable()
+    Path(name).write_text("colour: 1\n", encoding="utf-8")
+    assert main(["check", name]) == 2
+    assert one_error(capsys).startswith("red\\x1b[31m\\u202e.yaml:1: colour: ")
+
+
+@pytest.mark.parametrize("value", ["7_0 GPa", "7,0 GPa", "7 0 GPa", "\u0667\u0660 GPa"])
+def test_half_of_a_number_is_no_suggestion(work, capsys, value):
+    (work / "scene.yaml").write_text(SCENE.replace("211.65 GPa", value), encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 2
+    assert "Did you mean" not in one_error(capsys)

@@ -428,3 +428,19 @@ def test_a_load_that_crushes_balls_of_a_modulus_in_a_wrong_unit_says_so(medium):
             medium(packing).at_force(young * 8e-3**2)
         assert (f"The Young modulus is {young:g} Pa, probably a wrong unit" in str(told.value)) == (young < 1e3)
         assert "ower the load" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("tangential", "normal", "mu"),
+    [(1e308, 1.7e308, 3.0), (1e-320, 1e-300, 1e-10), (3e-200, 1e200, 1e-300), (1e308, 1e9, 1e300)],
+)
+def test_mindlin_reduction_of_loads_at_the_ends_of_the_floating_range(tangential, normal, mu):
+    with mpmath.workdps(30):
+        exact = mpmath.cbrt(1 - mpmath.mpf(tangential) / (mpmath.mpf(mu) * mpmath.mpf(normal)))
+    assert gp.mindlin_reduction(tangential, normal, mu) == pytest.approx(float(exact), rel=1e-15)
+
+
+@pytest.mark.parametrize(("tangential", "normal", "mu"), [(1e308, 1e-300, 0.3), (1.0, 5e-324, 5e-324), (-1.7e308, 1.0, 0.3)])
+def test_contact_that_slides_by_far_is_refused(tangential, normal, mu):
+    with pytest.raises(InputError, match="friction threshold"):
+        gp.mindlin_reduction(tangential, normal, mu)

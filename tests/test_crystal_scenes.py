@@ -862,7 +862,7 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     asked = ["--no-width", "--parameter", "young_modulus", "--sigma", "1 m/s", "--branch", "transverse_slow"]
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0", "-o", "out"]) == 0
     out = capsys.readouterr().out
-    assert "young modulus         211.65 GPa +/-" in out
+    assert "young modulus         211.65 +/- 0.57 GPa" in out
     assert "width" not in out
     assert {"fit.yaml", "fit.csv", "fit.png"} <= {path.name for path in Path("out").iterdir()}
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "up"]) == 2

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 
 import granphon as gp
 from granphon.balls.diameters import uniform_numbers
-from granphon.base.errors import InputError, InstabilityError
+from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.figures.spectra import lines_figure
 from granphon.networks.network import ContactNetwork
 from granphon.waves.kernel import Kernel
@@ -753,3 +753,16 @@ def test_kwant_finds_the_same_density(waves):
     inner = slice(1, -1)
     omega = 2 * np.pi * kernel.frequencies[inner]
     np.testing.assert_allclose(theirs(omega**2) * 2 * omega * 2 * np.pi, ours[inner], atol=1e-9 * ours.max())
+
+
+@pytest.mark.parametrize("far", [1e19, 1e160, -1.7e308])
+def test_wave_vectors_without_digits_are_refused(waves, far):
+    for find in (waves.nearest_wavevectors, waves.spectral_function):
+        with pytest.raises(PrecisionError, match="digits within a turn are lost"):
+            find([far, 0.0])
+
+
+def test_polarisation_by_large_numbers_is_a_direction(waves):
+    q = waves.nearest_wavevectors([500.0, 0.0])
+    large, plain = (waves.spectral_function(q, [size, size], moments=16).values for size in (1e308, 1.0))
+    np.testing.assert_array_equal(large, plain)

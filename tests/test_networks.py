@@ -295,6 +295,32 @@ def test_rattlers_are_found_one_after_the_other():
     np.testing.assert_array_equal(make(balls, contacts, slip=0.5, masses=walls).rattlers, [9])
 
 
+@pytest.mark.parametrize(("friction", "balls"), [(True, 9), (False, 9), (True, 2)])
+def test_error_of_a_free_chain_says_what_mends_it(friction, balls):
+    tables = {"x": np.arange(balls) * 7.9e-3, "radius": [4e-3] * balls}, {"i": range(balls - 1), "j": range(1, balls)}
+    with pytest.raises(gp.GranphonError, match="If something else holds them too, give held_by=1"):
+        ContactNetwork.from_table(*tables, material=STEEL, friction=friction)
+    assert ContactNetwork.from_table(*tables, material=STEEL, friction=friction, held_by=1).n_balls == balls
+
+
+def test_error_of_balls_that_touch_none_does_not_promise_to_mend_it():
+    with pytest.raises(gp.GranphonError, match=r"is left so by others\.$"):
+        make([(0.0, 0.0), (9.0, 0.0)], []).without_rattlers(held_by=2)
+
+
+@pytest.mark.parametrize("force", [1.0, 1e4, 1e6])
+def test_waves_in_a_network_have_the_warnings_of_the_state(force):
+    """Those of the contacts' radius, in the same words; of other limits the network lacks the material."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(force)
+    warning = gp.validity(state)["contact_radius"].warning
+    assert (warning is None) == (force == 1.0)
+    network = ContactNetwork.from_state(state, (4, 3))
+    assert gp.Waves(network).warnings == (() if warning is None else (warning,))
+    # springs of one stiffness under forces that differ are no contacts of Hertz
+    forces = force * np.linspace(0.5, 1.5, network.n_contacts)
+    assert not gp.Waves(replace(network, normal_force=forces, prestress=False)).warnings
+
+
 def test_balls_in_a_straight_row_are_held():
     """Two contacts hold a ball without friction if their forces are in balance, and not at an angle."""
     rows = with_lattice((4, 4)).select(np.arange(16))

@@ -223,6 +223,18 @@ def test_frequencies_that_cannot_be(state, bad):
         gp.pulse_velocities(state, bad)
 
 
+@pytest.mark.parametrize("frequency", [1e300, 1e308, [1.0, 1.7e308]])
+def test_frequencies_near_the_largest_number_are_out_of_reach(state, frequency):
+    with pytest.raises(UnreachableFrequencyError, match=r"branch does not reach .*e\+30"):
+        gp.pulse_velocities(state, frequency)
+
+
+@pytest.mark.parametrize("frequency", [5e-324, [1.0, 1e-306]])
+def test_frequencies_without_digits_are_refused(state, frequency):
+    with pytest.raises(InputError, match="has lost digits"):
+        gp.pulse_velocities(state, frequency)
+
+
 @pytest.mark.parametrize("bad", [("rotational",), (), ("longitudinal", "shear")])
 def test_branches_that_cannot_be(state, bad):
     with pytest.raises(InputError, match="branch"):

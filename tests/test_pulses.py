@@ -1,6 +1,7 @@
 """Pulses through networks of contacts: against closed forms of chains, dense matrices, another integrator, and the bands."""
 
 import inspect
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -580,6 +581,57 @@ def test_record_without_end_is_refused():
         )
     with pytest.raises(InputError, match="products with the matrix"):
         gp.Waves(ideal("triangular", (4, 24))).transmit(1e-7 * HERTZ, (0, 1), 8 * D)
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        ({"frequency": 1e308}, "is read more than"),
+        ({"frequency": 5e-324}, "is read more than"),
+        ({"cycles": 1e308}, "is read more than"),
+        ({"duration": 1e308}, "is read more than"),
+        ({"duration": math.inf}, "duration"),
+        ({"damping": 1e200}, "nothing moves"),
+        ({"damping": 1.7e308, "tangential_damping": 0.0}, "nothing moves"),
+        ({"distance": 1e308}, "would meet itself"),
+        ({"planes": [1e308]}, "would meet itself"),
+        ({"planes": 1e308, "ends": "periodic"}, "Take a shorter distance"),
+        ({"planes": [[], 1.0]}, "planes"),
+        ({"frames": [[], 1.0]}, "frames"),
+        ({"frequency": 10**400}, "frequency"),
+        ({"cycles": True}, "cycles"),
+    ],
+)
+def test_numbers_that_no_pulse_has_are_refused(given, wrong):
+    waves = gp.Waves(ideal("triangular", (4, 24)))
+    with pytest.raises(InputError, match=wrong):
+        waves.transmit(**({"frequency": 0.5 * HERTZ, "direction": (0, 1), "distance": 8 * D} | given))
+
+
+def test_faintest_damping_is_none():
+    waves = gp.Waves(ideal("triangular", (2, 12)))
+    still, faint = (waves.transmit(0.5 * HERTZ, (0, 1), 4 * D, 1, tangential_damping=tau) for tau in (None, 5e-324))
+    np.testing.assert_allclose(faint.signals, still.signals, atol=1e-12 * np.max(np.abs(still.signals)))
+
+
+@pytest.mark.parametrize(
+    ("args", "options", "wrong"),
+    [
+        ((), {}, "transmit: missing a required argument: 'frequency'. It needs frequency, direction, distance, and takes"),
+        ((1.0, (0, 1)), {}, "'distance'"),
+        ((1.0, (0, 1), D), {"length": D}, "unexpected keyword argument 'length'"),
+        ((1.0, (0, 1), D, 5.0, "longitudinal", "ball"), {}, "too many positional arguments"),
+    ],
+)
+def test_transmit_says_which_arguments_it_needs(args, options, wrong):
+    with pytest.raises(InputError, match=wrong):
+        gp.Waves(chain(4)).transmit(*args, **options)
+
+
+def test_waves_say_in_a_line_what_they_are():
+    assert repr(gp.Waves(ideal("triangular", (4, 3)))) == (
+        "Waves(12 balls, 36 contacts, x, y, w of each ball; frequencies in Hz)"
+    )
 
 
 def test_error_of_planes_names_the_lengths_of_the_cell():

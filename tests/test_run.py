@@ -28,7 +28,7 @@ from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LOCK, ResultFiles
 from granphon.base.written_files import LIST
 from granphon.cli.commands import main
-from granphon.cli.wording import write_quantity
+from granphon.cli.wording import write_uncertain
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
 from granphon.scene.results import SweepResult
@@ -193,7 +193,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     expected = {name: value for name in (*state.units, "regime") if (value := getattr(state, name)) is not None}
     for name in ("longitudinal", "transverse"):
         expected |= {name: getattr(velocities, name), f"{name}_error": getattr(velocities, f"{name}_error")}
-        assert f" +/- {write_quantity(expected[f'{name}_error'], 'm/s')}" in out
+        assert write_uncertain(expected[name], expected[f"{name}_error"], "m/s") in out
     for name in ("bulk", "shear"):
         expected |= {name: getattr(constants, name), f"{name}_error": getattr(constants, f"{name}_error")}
     found, given = ("force", "overlap") if kind == "overlap" else ("overlap", "force")
@@ -1145,7 +1145,7 @@ def test_check_describes_a_sweep(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out, err = capsys.readouterr()
     for expected in (
-        "uniform, W = 2.04 um (the mean +/- 1.02 um)\n", "force 2 N to 20 N, 6 of them", "ala, afa, ema\n",
+        "uniform, W = 2.04 um (the mean +/- 1.02 um)\n", "6 forces, 2 N to 20 N\n", "ala, afa, ema\n",
         "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
     ):  # fmt: skip
         assert expected in out

@@ -883,6 +883,30 @@ def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "observe: [spectrum]\nspectrum: {resolution: 0.06 Hz, points: 1000}\nmedium: {simulation: {shape: 4096 4096}}",
+            r"6: medium: simulation of .*; waves in 16,777,216 balls: about .* days, %s.*fewer wave vectors",
+        ),
+        (
+            "medium: {simulation: {shape: 16384 16384, samples: 10000}}",
+            "4: medium: simulation of 268,435,456 balls, .* days, %s.*Take fewer balls",
+        ),
+    ],
+)
+def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
+    monkeypatch.setattr("granphon.media.cost._measure_time_per_ball", lambda: 1e-3)
+    scene = Scene.from_text(BALLS + text)
+    monkeypatch.setattr("granphon.media.cost.available_memory", lambda: math.inf)
+    for name in ("granphon.scene.run.run", "granphon.scene.run._find_state"):
+        monkeypatch.setattr(name, None)
+    with pytest.raises(SceneError, match="<scene>:" + words % "and no run may take more than 10,000 days on one processor"):
+        scene.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_long_lists_are_left_to_the_run(monkeypatch, tmp_path):
     sizes = 8e-3 + 1e-6 * np.random.default_rng(1).normal(size=1000)
     (tmp_path / "lot.csv").write_text("diameter (m)\n" + "".join(f"{size!r}\n" for size in sizes.tolist()))

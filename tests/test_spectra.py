@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, PrecisionError
 from granphon.base.quantities import Quantity
 from granphon.base.tables import Table
 
@@ -247,7 +247,7 @@ def test_numbers_of_points_that_cannot_be(rough, npoints):
 
 @pytest.mark.parametrize("labels", [["G"], ["G", "K", "M"], []])
 def test_labels_must_be_one_a_corner(rough, labels):
-    with pytest.raises(InputError, match=f"{len(labels)} labels for 2 corners"):
+    with pytest.raises(InputError, match=rf"{len(labels)} labels? for 2 corners"):
         rough.bands([[0, 0], [0.5, 0]], labels=labels)
 
 
@@ -273,6 +273,28 @@ NOT_NUMBERS = {
 def test_arguments_that_are_no_numbers_at_all(rough, case):
     with pytest.raises(InputError):
         NOT_NUMBERS[case](rough)
+
+
+@pytest.mark.parametrize("sigma", [1e12, 1e160, 1e308])
+def test_smearing_wider_than_all_frequencies_is_refused(rough, sigma):
+    with pytest.raises(InputError, match=r"sigma .* times the top frequency"):
+        rough.dos(mesh=(4, 4), method="smearing", sigma=sigma)
+
+
+@pytest.mark.parametrize("far", [1.1e15, 1e200, -1.7e308])
+def test_wave_vectors_so_far_out_that_no_digit_is_left_are_refused(rough, far):
+    for find in (
+        lambda q: rough.frequencies([q]), lambda q: rough.modes([q]), lambda q: rough.lattice.frequencies([q]),
+        lambda q: rough.lattice.modes([q]), lambda q: rough.bands([[0.0, 0.0], q, [1e308, 0.0]], 5),
+    ):  # fmt: skip
+        with pytest.raises(PrecisionError, match="reciprocal vectors from Gamma"):
+            find([far, 0.25])
+
+
+def test_phonons_say_in_a_line_what_they_are(rough):
+    assert repr(rough) == "Phonons(triangular, 1 ball in the cell, x, y, w of each ball, 3 branches; frequencies in Hz)"
+    chain = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, DIAMETER, lattice="chain", friction=False)).at_force(1.0))
+    assert repr(chain) == "Phonons(chain, 1 ball in the cell, x of each ball, 1 branch; frequencies in Hz)"
 
 
 # -- files --------------------------------------------------------------------------------------------------------------

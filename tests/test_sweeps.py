@@ -536,7 +536,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "spread": BIMODAL, "diameter": [8e-3, 9e-3]}, "diameter = 0.009 m: the mean of the diameters"),
         ({"force": 1.0, "lattice": ["hexagonal"]}, "hexagonal"),
         ({"force": 1.0, "bands": "GQ"}, "special point"),
-        ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 labels for 2 corners"),
+        ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 label for 2 corners"),
         ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
         ({"force": 1.0, "media": {"simulation": {"shape": 8}}}, "medium.simulation.shape: found 8; allowed: two whole"),
         (

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.base.scales import HertzPrefix, WidthUnits, prefixed
+from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_uncertain
 
 
 @given(st.floats(1e-24, 9.99e26))
@@ -49,6 +49,18 @@ def test_a_unit_of_hertz_that_is_none():
 )  # fmt: skip
 def test_multiples_for_reading(value, size, name):
     assert prefixed(value, "m") == (size, name)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (1111.795, 0.3935, "1.11180 +/- 0.00039 km/s"), (1.0604e-6, 1.543e-9, "1.0604 +/- 0.0015 um/s"),
+        (988.2e6, 747e3, "988.20 +/- 0.75 Mm/s"), (100.0, 250.0, "100 +/- 250 m/s"), (0.0, 1e-9, "0.0 +/- 1.0 nm/s"),
+        (-5e-7, 3e-9, "-500.0 +/- 3.0 nm/s"), (2.04e-6, 1.04e-15, "2.04 um/s +/- 1 fm/s"), (2.0, 0.0, "2 m/s +/- 0 m/s"),
+    ],
+)  # fmt: skip
+def test_a_value_and_its_error_have_the_same_unit_and_place(value, error, text):
+    assert write_uncertain(value, error, "m/s") == text
 
 
 @pytest.mark.parametrize("width", [1e-150, 1e-20, 2.04e-6, 1.0, 1e100])

@@ -44,7 +44,10 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
     tangential, normal = np.abs(real_array("tangential_load", tangential_load)), real_array("normal_load", normal_load)
     if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
         raise InputError(message("a load on the contact is not finite, or its normal part is not compressive"))
-    mobilised = tangential / (mu * normal)
+    # mantissas and exponents apart: products of loads may leave the floating range where their quotient does not
+    (of_mu, power_of_mu), (of_normal, power) = np.frexp(mu), np.frexp(normal)
+    with np.errstate(over="ignore", under="ignore"):
+        mobilised = np.ldexp(tangential, -(power + power_of_mu)) / (of_mu * of_normal)
     if np.any(mobilised >= 1.0):
         raise InputError(
             message(

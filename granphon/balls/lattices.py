@@ -19,6 +19,7 @@ from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.notebook import write_html
 from granphon.base.results import read_only
+from granphon.base.text import counted
 from granphon.base.validation import label, require
 
 __all__ = [
@@ -123,7 +124,7 @@ class Lattice:
                 message(
                     f"the lattice {self.name!r} has a cell or sites of its own",
                     f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
-                    f" {known.n_balls} ball{'s' * (known.n_balls > 1)}",
+                    f" {counted(known.n_balls, 'ball')}",
                     f"Give yours another name, or lattice={self.name!r} to the packing",
                 )
             )

@@ -17,7 +17,7 @@ from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, brief, message
-from granphon.base.text import closest
+from granphon.base.text import closest, counted
 
 __all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "change_width", "find_double"]
 
@@ -184,7 +184,8 @@ def count_combinations(axes: Sequence[Axis]) -> int:
     """Count the combinations of values; raise :class:`InputError` if there are too many for a sweep."""
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
-        what = f"{' x '.join(f'{len(axis.values)} values of {axis.name}' for axis in axes)} make {count} packings"
+        sides = " x ".join(f"{counted(len(axis.values), 'value')} of {axis.name}" for axis in axes)
+        what = f"{sides} make {count} packings"
         raise InputError(message(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"))
     return count
 

@@ -32,6 +32,7 @@ __all__ = [
     "UnverifiedFileWarning",
     "brief",
     "message",
+    "one_line",
 ]
 
 #: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
@@ -153,9 +154,9 @@ class UnverifiedFileWarning(UserWarning):
 def message(what: str, why: str = "", mend: str = "") -> str:
     """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line.
 
-    Letters that cannot be printed are escaped, as a message may quote a file of unknown origin: a terminal would obey them.
+    Letters that cannot be printed are escaped, as a message may quote a file of unknown origin.
     """
-    sentences = [_join_lines(part).rstrip() for part in (what, why, mend) if part]
+    sentences = [one_line(part).rstrip() for part in (what, why, mend) if part]
     # three dots stay: they say that something has been cut off
     return " ".join(one if one.endswith(("?", "...")) else one.rstrip(". ") + "." for one in sentences)
 
@@ -170,7 +171,7 @@ def brief(value: object, most: int = 80) -> str:
     if isinstance(value, list | tuple) and any(isinstance(one, int) and abs(one) >= TOO_LARGE for one in value):
         return "a list with a number that is too large"
     try:
-        text = _join_lines(repr(value))
+        text = one_line(repr(value))
     except ValueError:  # Python does not write whole numbers of more than 4300 digits
         return "an array with a number that is too large"
     except RecursionError:
@@ -178,8 +179,8 @@ def brief(value: object, most: int = 80) -> str:
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
-def _join_lines(text: str) -> str:
-    """A text on one line, of letters that can be printed."""
+def one_line(text: str) -> str:
+    """A text on one line, with letters that cannot be printed as escapes: a terminal would obey them."""
     joined = _BREAK.sub(" ", text)
     if joined.isprintable():
         return joined

@@ -111,7 +111,7 @@ class Quantity:
         try:
             factor = _find_factor(self, unit)
         except ValueError as wrong:
-            meant = closest(unit, self.common.split(", "))
+            meant = closest(unit, self.common.split(", ")) if unit[0].isalpha() or unit[0] == "%" else None
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
             raise Refused(f"{show(value)}, {wrong}", self.allowed, mend) from None
         return self._convert(number, factor, value)

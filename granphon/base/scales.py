@@ -15,7 +15,16 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 
-__all__ = ["HertzPrefix", "Units", "WidthUnits", "file_header", "prefixed", "read_header", "write_quantity"]
+__all__ = [
+    "HertzPrefix",
+    "Units",
+    "WidthUnits",
+    "file_header",
+    "prefixed",
+    "read_header",
+    "write_quantity",
+    "write_uncertain",
+]
 
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
 _INFO = {
@@ -47,10 +56,22 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
 
 
-def write_quantity(value: float, unit: str) -> str:
-    """Text of a value in the SI unit ``unit``, with five digits and a decimal prefix, such as "8 mm"."""
+def write_quantity(value: float, unit: str, digits: int = 5) -> str:
+    """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as "8 mm"."""
     size, name = prefixed(value, unit)
-    return f"{value / size:.5g} {name}"
+    return f"{value / size:.{digits}g} {name}"
+
+
+def write_uncertain(value: float, error: float, unit: str) -> str:
+    """Text of a value with its standard error, such as "1.11180 +/- 0.00039 km/s": the error has two digits.
+
+    An error below a millionth of the value has a multiple of the unit of its own.
+    """
+    size, name = prefixed(max(abs(value), error), unit)
+    if not 1e-6 * abs(value) < error:
+        return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
+    places = max(1 - math.floor(math.log10(error / size)), 0)
+    return f"{value / size:.{places}f} +/- {error / size:.{places}f} {name}"
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.reading import read_bytes
-from granphon.base.text import closest
+from granphon.base.text import closest, counted
 
 __all__ = ["Heading", "Table", "decode", "plain_float", "table_text", "write_table"]
 
@@ -271,6 +271,6 @@ def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...
     if len(cells) == count:
         return cells
     if any(cells[count:]):
-        what = f"{where}: found {len(cells)} cells below {count} heading{'s' if count > 1 else ''}"
+        what = f"{where}: found {counted(len(cells), 'cell')} below {counted(count, 'heading')}"
         raise InputError(message(what, mend=f"{_POINT}, and separate all columns by the same character"))
     return cells[:count] + ("",) * (count - len(cells))

@@ -20,6 +20,7 @@ from granphon.base.reading import plain_scalar, read_bytes
 __all__ = [
     "Document",
     "closest",
+    "counted",
     "dump_yaml",
     "parse_yaml",
     "read_text",
@@ -214,6 +215,11 @@ def closest(word: str, options: Iterable[str]) -> str | None:
     same = [option for option in known if option.lower() == word.lower()]
     found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
     return found[0] if found else None
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than an s."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 # -- writing --------------------------------------------------------------------------------------------------------

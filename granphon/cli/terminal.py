@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, message, one_line
 
 __all__ = [
     "GO_ON", "NOTHING_WRITTEN", "Interrupted", "fail", "require_name", "say", "say_table", "tell_interruption", "warn",
@@ -26,21 +26,21 @@ def say_table(rows: Sequence[tuple[str, str]]) -> None:
 
 
 def say(text: str) -> None:
-    """Print a line; characters that the encoding of stdout lacks are printed as backslash escapes."""
+    """Print a line; what cannot be printed, and characters that the encoding of stdout lacks, are backslash escapes."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    print(text.encode(encoding, "backslashreplace").decode(encoding))
+    print(one_line(text).encode(encoding, "backslashreplace").decode(encoding))
 
 
 def warn(warnings: Sequence[str], most: int = 10) -> None:
     """Print at most ``most`` warnings on standard error, and then how many more there are."""
     more = [f"and {len(warnings) - most} more"] if len(warnings) > most else []
     for warning in (*warnings[:most], *more):
-        print(f"granphon: warning: {warning}", file=sys.stderr)
+        print(f"granphon: warning: {one_line(warning)}", file=sys.stderr)
 
 
 def fail(text: str, code: int) -> int:
     """Print an error on standard error as one line, and return the exit ``code``."""
-    print("granphon: error: " + " ".join(text.split()), file=sys.stderr)
+    print("granphon: error: " + one_line(" ".join(text.split())), file=sys.stderr)
     return code
 
 

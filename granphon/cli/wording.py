@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.quantities import load_quantities
-from granphon.base.scales import write_quantity
+from granphon.base.scales import write_quantity, write_uncertain
+from granphon.base.text import counted
 
 if TYPE_CHECKING:
     from granphon.balls.loads import Load
@@ -39,9 +40,8 @@ def _flatten(value: Any) -> list[float]:
 
 def _describe_load(load: Load, periods: int) -> str:
     frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
-    several = f", {len(load.values)} of them" if len(load.values) > 1 else ""
-    unit = load_quantities(periods)[load.kind].unit
-    return f"{load.kind.replace('_', ' ')} {write_range(load.values, unit)}{several}{frame}"
+    unit, kind, count = load_quantities(periods)[load.kind].unit, load.kind.replace("_", " "), len(load.values)
+    return f"{counted(count, kind) + ',' if count > 1 else kind} {write_range(load.values, unit)}{frame}"
 
 
 def _describe_spread(packing: Packing) -> str:
@@ -86,8 +86,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
         states = math.prod(count for count, *_ in sizes)
-        counts = " x ".join(_count(*one) for one in sizes)
-        rows.append(("sweep", f"{counts} = {_count(states, 'state', 'states')}"))
+        counts = " x ".join(counted(*one) for one in sizes)
+        rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
     elif scene.rung.is_quick:
         state = scene.state()
         rows += [
@@ -112,15 +112,11 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows.append(("spectrum", f"{', '.join(scene.spectrum.polarisation)}, {scene.spectrum.points} points in a segment"))
     if scene.pulse is not None and "pulse" in scene.observe:
         pulse = scene.pulse
-        periods = f"{pulse.cycles:g} {'period' if pulse.cycles == 1 else 'periods'}"
+        periods = f"{pulse.cycles:g} period{'s' * (pulse.cycles != 1)}"
         rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {periods}, {pulse.polarisation}"))
     if "dos" in scene.observe and not scene.is_sweep:  # that of a sweep is of arrays
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
-
-
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
 
 
 def describe_choice(rung: Rung) -> str:
@@ -145,18 +141,26 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     for name in CATALOGUE:
         one = result.entry(name)
         if one is not None and one.told and name in numbers:
-            error = f" +/- {write_range(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
-            rows.append(
-                (one.label.lower(), write_range(numbers[name], one.unit) + error + (along if one.unit == "m/s" else ""))
-            )
+            said = _write_result(numbers[name], numbers.get(f"{name}_error"), one.unit)
+            rows.append((one.label.lower(), said + (along if one.unit == "m/s" else "")))
     return rows
+
+
+def _write_result(value: Any, error: Any, unit: str) -> str:
+    """Text of a value, or of the ends of several, with their standard errors if these are known."""
+    if error is None:
+        return write_range(value, unit)
+    values, errors = _flatten(value), _flatten(error)
+    if len(values) == 1:
+        return write_uncertain(values[0], errors[0], unit)
+    return f"{write_range(values, unit)} +/- {write_range(errors, unit)}"
 
 
 def write_direction(given: Any) -> str:
     """Text of one direction, or of the number of them."""
     if isinstance(given[0], float | int):
         return f"({', '.join(f'{x:g}' for x in given)})"
-    return f"{len(given)} directions"
+    return counted(len(given), "direction")
 
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
@@ -164,11 +168,8 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     from granphon.balls.parameters import PARAMETERS
 
     def valued(value: float, error: float, unit: str) -> str:
-        return (
-            f"{write_quantity(value, unit)} +/- {write_quantity(error, unit)}"
-            if math.isfinite(error)
-            else f"{write_quantity(value, unit)}, error not known"
-        )
+        known = math.isfinite(error)
+        return write_uncertain(value, error, unit) if known else f"{write_quantity(value, unit)}, error not known"
 
     rows = []
     for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
@@ -191,8 +192,8 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     """Lines of the tables of a trade-off, one table for each study, of balls on a lattice of 1, 2 or 3 ``periods``."""
     heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
-    runs = _count(result.runs, "warm run", "warm runs")
-    lines = [f"errors at {_count(len(result.loads), 'load', 'loads')}, {loads}; {runs} each"]
+    runs = counted(result.runs, "warm run")
+    lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
     for study in result.studies:
         rows = [heads, *(_write_point(point) for point in result.of(study))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]

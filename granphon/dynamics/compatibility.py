@@ -16,16 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
 from granphon.base.arguments import finite_array, not_negative, real_array
-from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
 from granphon.base.results import read_only
+from granphon.base.text import counted
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.dynamics.wave_rows import WaveRows
 
-__all__ = ["GYRATION", "Compatibility", "as_wavevectors"]
+__all__ = ["GYRATION", "Compatibility", "as_wavevectors", "require_digits"]
 
 Array = NDArray[np.float64]
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))
+#: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its copies
+_FARTHEST = 1e15
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -36,6 +39,19 @@ def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     if q.shape[-1:] != (periods,):
         raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"))
     return q.reshape(-1, periods)
+
+
+def require_digits(fractions: Array) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` for wave vectors, in reciprocal vectors, too far from Gamma."""
+    farthest = float(np.max(np.abs(fractions), initial=0.0))
+    if farthest > _FARTHEST:
+        raise PrecisionError(
+            message(
+                f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
+                f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is between two of them",
+                "Leave whole reciprocal vectors out",
+            )
+        )
 
 
 class Compatibility:
@@ -150,10 +166,11 @@ class Compatibility:
             raise InputError(
                 message(
                     "a wave vector has a component across the lattice",
-                    f"The lattice has {count} period{'s' * (count > 1)}",
+                    f"The lattice has {counted(count, 'period')}",
                     "Give 0 for the rest",
                 )
             )
+        require_digits(q)
         return np.asarray(q[..., :count] @ self.reciprocal)
 
     def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
@@ -164,6 +181,7 @@ class Compatibility:
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
             raise InputError(message("a wave vector is not finite"))
+        require_digits(q)  # per diameter, which is about the same
         taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
         # for a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from granphon.array.sample import Sample
 from granphon.base.arguments import finite_array
 from granphon.base.errors import InputError, brief, message
+from granphon.base.text import counted
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION, readable_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -372,7 +373,7 @@ class _Network:
     def title(self) -> str:
         """How many balls and contacts there are."""
         along = ", seen along $z$" if self.network.dimension == 3 else ""
-        return f"{np.sum(self.round)} balls, {self.network.n_contacts} contacts{along}"
+        return f"{counted(int(np.sum(self.round)), 'ball')}, {counted(self.network.n_contacts, 'contact')}{along}"
 
     def name_axes(self, ax: Axes) -> None:
         """Label both axes with the unit in which their numbers are short."""

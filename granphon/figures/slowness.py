@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import one_direction
 from granphon.base.errors import InputError, message
+from granphon.base.text import counted
 from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
@@ -184,7 +185,7 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
     """
     lattice = state.packing.structure
     if lattice.periods != 3:
-        what = f"the lattice {lattice.name} has {lattice.periods} period{'s' * (lattice.periods > 1)}"
+        what = f"the lattice {lattice.name} has {counted(lattice.periods, 'period')}"
         raise InputError(message(what, "Surfaces belong to three", "Use plot_slowness"))
     view = _VIEW if view is None else view
     # the edges of the octant that is taken out are lines of this mesh

@@ -34,6 +34,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.typical_arrays import estimate_reduced_force, estimate_spacing, find_spacing
 
 __all__ = [
+    "MOST_SECONDS",
     "Cost",
     "array_waves",
     "available_memory",
@@ -48,6 +49,10 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+#: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days
+MOST_SECONDS = 10_000 * 86400.0
+#: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
+_SLOWEST = 1e-3
 #: memory of Python and its libraries, bytes
 _PYTHON_BYTES = 80e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
@@ -158,6 +163,10 @@ class Cost:
     def seconds(self) -> float:
         """Time on one processor of this machine, s; with simulations, the first call measures the small sample."""
         return self.known + (self.work * _measure_time_per_ball() if self.work else 0.0)
+
+    def takes_longer(self, seconds: float) -> bool:
+        """Return whether the time is above ``seconds``, s. The small sample is measured only if it may be."""
+        return self.known + self.work * _SLOWEST > seconds and self.seconds > seconds
 
     @property
     def tells(self) -> bool:

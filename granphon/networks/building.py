@@ -19,6 +19,7 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.base.arguments import real_array, whole_number
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message
+from granphon.base.text import counted
 from granphon.base.validation import require, truth
 from granphon.networks.checks import LARGEST, MOST_STEPS
 
@@ -243,7 +244,7 @@ def _find_balls(balls: Balls, contacts: Contacts, end: str) -> Index:
         raise InputError(message(f"{balls.name} has two balls with the id {twice}"))
     place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
     missing = labels[order][place] != wanted if count else np.ones(len(wanted), bool)
-    named = f"balls are 0 to {count - 1}" if balls.labels is None else f"{count} balls have ids"
+    named = f"balls are 0 to {count - 1}" if balls.labels is None else counted(count, "ball has an id", "balls have ids")
     contacts.refuse(missing, f"names a ball that is not among those of {balls.name}", f"There, {named}")
     return np.asarray(order[place], np.intp)
 

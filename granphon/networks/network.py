@@ -208,7 +208,10 @@ class ContactNetwork(Result):
         kept[loose] = False
         if not np.any(kept & self.moving):
             why = "Each has fewer contacts than can hold it, or is left so by others"
-            raise InputError(message("all balls of the network are rattlers, which carry no load", why))
+            fewer = range(self.dimension + 1 if least is None else least - 1, 0, -1)
+            held = next((n for n in fewer if np.any(np.delete(self.moving, find_rattlers(self, n)))), 0)
+            mend = f"If something else holds them too, give held_by={held}" if held else ""
+            raise InputError(message("all balls of the network are rattlers, which carry no load", why, mend))
         return replace(self.select(kept), left_out=self.left_out + int(loose.size))
 
     def select(self, balls: ArrayLike) -> Self:

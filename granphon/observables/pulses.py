@@ -118,7 +118,11 @@ def pulse_velocities(
             )
         ) from None
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
-    target = 2.0 * np.pi * hertz.reshape(hertz.shape + (1,) * axes) * d / scale
+    with np.errstate(over="ignore"):  # infinity is beyond every branch, too
+        target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
+    if np.min(target) < np.finfo(float).tiny:
+        what = f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision"
+        raise InputError(message(what, mend="Raise it: the velocities are those of long waves, gp.sound_velocities"))
     # shape (branches, loads and frequencies, directions)
     many = along.reshape(-1, periods)
     flat = (len(names), -1, len(many))
@@ -191,7 +195,7 @@ def _find_wavenumbers(
 
 def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
     """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a branch."""
-    wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
+    wanted, top = float(np.max(target / (2.0 * np.pi) * scale)), float(np.min(branch.top * scale))
     along = f"in direction ({', '.join(f'{one:.6g}' for one in branch.direction)})"
     if branch.top <= _NO_FREQUENCY:
 
@@ -210,7 +214,7 @@ def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) ->
     ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
     return UnreachableFrequencyError(
         message(
-            f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz {along}",
+            f"the {branch.name} branch does not reach {wanted:.6g} Hz {along}",
             ends,
             "Lower the frequency, or name the branches that reach it",
         )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
+from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio, harmonic_diameter
 from granphon.balls.loads import Load
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
@@ -26,8 +26,9 @@ from granphon.media.acoustics import (
 from granphon.media.left_out import LEFT_OUT_LIMIT, expect_shear_deficit, find_left_out
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, with_keyword
+from granphon.networks.network import ContactNetwork
 
-__all__ = ["Check", "Tally", "Validity", "expect_warnings", "validity"]
+__all__ = ["Check", "Tally", "Validity", "expect_warnings", "find_network_warnings", "validity"]
 
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
@@ -73,6 +74,8 @@ _WORDS_OF_BALLS = {
     "diameter": "the diameter is {worst} m, less than {limit} m",
     "large_diameter": "the diameter is {worst} m, more than {limit} m",
 }
+#: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and what digits of a file add
+_HERTZIAN, _ROUNDED = 0.5, 1e-2
 #: what mends the torsion, in media that have terms of finite overlap
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
 #: directions in which sound is compared with that in the balls, by the number of periods
@@ -312,3 +315,23 @@ def _compute_validity(state: ContactState) -> Validity:
         value = np.full(state.shape, attrgetter(attribute)(state.packing))
         checks.append(Check(name, meaning, value, limit, _WRONG_UNIT, at_least))
     return Validity(tuple(checks))
+
+
+def find_network_warnings(network: ContactNetwork) -> tuple[str, ...]:
+    """Return the warnings of a network, whose material is not known: that of the mean contact radius.
+
+    The overlap follows from force and stiffness, 3 f/2 k. So the contacts must be those of Hertz's law: k^3/(f d*) is then
+    the same for all, and varies less than forces do.
+    """
+    pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
+    if not np.any(pressed):
+        return ()
+    force, stiffness = network.normal_force[pressed], network.normal_stiffness[pressed]
+    diameter = harmonic_diameter(*(2.0 * network.radii[end[pressed]] for end in (network.i, network.j)))
+    law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
+    if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
+        return ()
+    limit, meaning, reason = _LIMITS["contact_radius"]
+    ratio = contact_radius_ratio(np.mean(1.5 * force / stiffness / diameter), 1.0)
+    warning = Check("contact_radius", meaning, ratio, limit, reason).warning
+    return () if warning is None else (warning,)

@@ -19,7 +19,7 @@ from granphon.base.reading import plain_yaml
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import show
+from granphon.base.text import counted, show
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.modes import Modes
@@ -324,7 +324,7 @@ class Bands(Result):
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
             velocities = _numbers("group_velocity", [[mode["group_velocity"] for mode in q] for q in bands])
             if np.any(velocities[..., periods:]):
-                raise InputError(f"It has a group_velocity across its {periods} {'period' if periods == 1 else 'periods'}")
+                raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
             coordinates = _numbers("coordinates", [point["coordinates"] for point in points])
             masses = _numbers("mass", [point["mass"] for point in points])
             found = cls(

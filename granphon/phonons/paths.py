@@ -18,8 +18,9 @@ from granphon.balls.lattices import Lattice
 from granphon.base.arguments import real_array, texts, whole_number
 from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
-from granphon.base.text import closest, show
+from granphon.base.text import closest, counted, show
 from granphon.base.validation import require
+from granphon.dynamics.compatibility import require_digits
 
 __all__ = [
     "BandPath",
@@ -186,7 +187,7 @@ def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[s
     flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
     count = sum(map(len, pieces))
     if len(flat) != count:
-        raise InputError(message(f"{len(flat)} labels for {count} corners of the path"))
+        raise InputError(message(f"{counted(len(flat), 'label')} for {counted(count, 'corner')} of the path"))
     ends = np.cumsum([len(piece) for piece in pieces]).tolist()
     return [flat[end - len(piece) : end] for end, piece in zip(ends, pieces, strict=True)]
 
@@ -198,6 +199,7 @@ def _coordinates(q: Array) -> str:
 
 def check_inside(qpoints: Array, periods: int, what: str) -> None:
     """Raise InputError if wave vectors (n, 3), called ``what``, have a component across the ``periods`` of the lattice."""
+    require_digits(qpoints)
     if np.any(qpoints[:, periods:] != 0.0):
         line, mend = (("line", "Set the second and the third number to 0"), ("plane", "Set the third number to 0"))[
             periods - 1

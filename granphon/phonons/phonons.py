@@ -21,6 +21,7 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.base.arguments import grid_numbers, positive, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState, with_keyword
@@ -43,6 +44,8 @@ Array = NDArray[np.float64]
 _MOST_MESH_POINTS = 1e9
 #: number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
+#: largest standard deviation of a smeared density of states, over the top frequency
+_WIDEST = 1e6
 #: mesh of a density of states for one, two and three periods
 _MESHES = ((1024,), (64, 64), (32, 32, 32))
 
@@ -109,6 +112,14 @@ class Phonons:
                 message("no two of these balls touch", "They are apart, or are turned against the lattice of the state")
             )
         self.dim = self._choose_dim(dim)
+
+    def __repr__(self) -> str:
+        lattice = self.lattice
+        return (
+            f"Phonons({self.state.packing.structure.name}, {counted(lattice.n_balls, 'ball')} in the cell,"
+            f" {', '.join(lattice.motions.letters)} of each ball, {counted(lattice.n_branches, 'branch', 'branches')};"
+            " frequencies in Hz)"
+        )
 
     @cached_property
     def calculator(self) -> HertzMindlin:
@@ -292,8 +303,8 @@ class Phonons:
         mesh : wave vectors of a Gamma-centred mesh along each period, such as (n1, n2), or (n1, n2, 1), which the symmetry
             of the lattice reduces; by default 1024, 64 x 64, or 32 x 32 x 32.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
-        sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies; by default a hundredth of
-            the top frequency, or more if there are few ``points``.
+        sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies, and up to a million times
+            the top one; by default a hundredth of that, or more if there are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         p = self._periods
@@ -327,6 +338,9 @@ class Phonons:
             width = max(0.01, 1.0 / (count - 7)) * top
             if sigma is not None:
                 width = positive("sigma", sigma, "Hz") / self.scales.frequency
+                if width > _WIDEST * top:
+                    what = f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top frequency"
+                    raise InputError(message(what, "Nothing would be left of the density of states", "Lower sigma"))
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
                 raise InputError(

@@ -328,16 +328,21 @@ class Plan:
     def cost(self) -> Cost | None:
         """Memory and time of the whole work, its parts done one after the other; None if both are negligible.
 
-        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now.
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now, or more
+        time than any run has.
         """
         parts = [part for part in self.parts if part[2].tells]
         total = sum((cost for _, _, cost in parts), Cost())
-        if parts and total.memory > (free := costs.available_memory()):
-            path, mend, _ = max(parts, key=lambda part: part[2].memory)
-            with self.origin.at(*path):
-                what = f"{total.text}, and this machine has {free / 1e9:.3g} GB of memory available"
-                raise InputError(message(what, mend=mend))
-        return total if parts else None
+        free, most = costs.available_memory(), costs.MOST_SECONDS
+        if total.memory > free:
+            limit, of = f"this machine has {free / 1e9:.3g} GB of memory available", "memory"
+        elif total.takes_longer(most):
+            limit, of = f"no run may take more than {costs.write_duration(most)} on one processor", "seconds"
+        else:
+            return total if parts else None
+        path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], of)))
+        with self.origin.at(*path):
+            raise InputError(message(f"{total.text}, and {limit}", mend=mend))
 
     @cached_property
     def parts(self) -> list[CostPart]:

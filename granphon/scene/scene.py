@@ -248,7 +248,8 @@ class Scene:
     def cost(self) -> Cost | None:
         """Memory and time that the scene will take, its parts done one after the other; None if both are negligible.
 
-        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now.
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now, or more
+        than 10,000 days on one processor.
         """
         return self.plan.cost()
 

@@ -44,9 +44,9 @@ __all__ = ["LATTICE_BANDS", "Job", "Work", "describe_mechanism", "tell_warnings"
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
 LATTICE_BANDS = (
-    "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
-    "the disorder of the contacts is in the velocities and moduli, and in the waves of the arrays themselves, which "
-    "observe: [dos, spectrum] writes as sample_dos and spectrum, or of a sweep as sweep_dos and sweep_spectra"
+    "bands and densities of states are those of a regular lattice with the mean stiffness of the samples, without "
+    "disorder. Those of the disordered arrays are sample_dos and spectrum, of a sweep sweep_dos and sweep_spectra: "
+    "observe [dos, spectrum]"
 )
 
 

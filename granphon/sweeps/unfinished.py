@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import ConvergenceError, GranphonError, OutputError
 from granphon.base.staging import ResultFiles
+from granphon.base.text import counted
 from granphon.sweeps.archive import file_names, write_sweep
 from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.store import Store
@@ -84,7 +85,7 @@ def require_complete(parts: Sequence[TaskResult], dataset: Dataset) -> None:
 def _explain(parts: Sequence[TaskResult]) -> ConvergenceError:
     """Return the error of the first path that ended early."""
     whys, places = ([one for part in parts if name in part for one in part[name].tolist()] for name in (_WHY, _AT))
-    more = "" if len(whys) == 1 else f" {len(whys) - 1} more path{'s' * (len(whys) > 2)} of the sweep ended early."
+    more = "" if len(whys) == 1 else f" {counted(len(whys) - 1, 'more path')} of the sweep ended early."
     error = ConvergenceError(whys[0] + more)
     error.load_index = places[0] if places[0] >= 0 else None
     return error

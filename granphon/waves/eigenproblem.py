@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
+from granphon.base.text import counted
 from granphon.waves.operator import WaveOperator
 
 __all__ = ["DENSE", "RESIDUAL", "UNSTABLE", "ZERO", "Eigenpairs", "Problem", "make_too_few"]
@@ -121,4 +122,5 @@ def _find_singular(matrix: Array) -> tuple[Array, Array]:
 
 def make_too_few(there: int, count: int) -> InputError:
     """Return the error of ``count`` modes that are asked for where fewer are ``there``."""
-    return InputError(message(f"{count} modes are asked for, and only {there} cost energy", mend="Ask for fewer"))
+    asked, among = counted(count, "mode is", "modes are"), f"only {there}" if there else "none"
+    return InputError(message(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer"))

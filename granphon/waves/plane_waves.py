@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arguments import finite_array
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, PrecisionError, brief, message
 from granphon.base.validation import choice, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _NAMES = ("longitudinal", "transverse", "rotational")
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
 _WHOLE = 1e-6
+#: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left
+_MOST_PHASE = 1e15
 #: length of the part of a direction across q, over that of the direction, below which there is none
 _ACROSS = 1e-9
 #: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is looked for
@@ -112,6 +114,12 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
         raise InputError(
             message(f"q has the shape {given.shape}", f"A wave vector of this network has the shape ({d},)",
                     f"Give ({d},) or (n, {d}), Cartesian, in 1/m")
+        )  # fmt: skip
+    size = float(np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0)))
+    if (phase := float(np.max(np.abs(given), initial=0.0)) * size) > _MOST_PHASE:
+        raise PrecisionError(
+            message(f"the phase of such a wave differs by {phase:.1e} across the network",
+                    f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
         )  # fmt: skip
     return np.atleast_2d(given)
 
@@ -241,6 +249,7 @@ def _given_polarisation(operator: WaveOperator, polarisation: ArrayLike, directi
             )
         )
     rows = np.zeros((1, motions.count))
+    given = given / np.max(np.abs(given))
     rows[0, : given.size] = given / np.linalg.norm(given)
     return rows
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result, read_only
+from granphon.base.scales import write_quantity
 from granphon.waves.arrivals import find_arrivals, find_delay, find_envelope, find_share
 
 __all__ = ["Pulse", "average_pulses"]
@@ -183,8 +184,9 @@ class Pulse(Result):
         hertz, fastest, error, why = self.frequency, float(self.fastest[1]), math.nan, self._find_echo() or why
         if not why and self.distance > (1.0 + _FASTER) * fastest * time:
             why = (
-                f"the signal is highest {time:.4g} s after the burst, and the fastest waves of the network, of "
-                f"{fastest:.4g} m/s at most, take longer: use a longer distance, another frequency or more cycles"
+                f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and the fastest waves of the "
+                f"network, of {fastest:.4g} m/s at most, take longer: use a longer distance, another frequency or more"
+                " cycles"
             )
         if not why:
             middle, reach = self._find_gate(time)

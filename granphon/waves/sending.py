@@ -14,8 +14,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_array, not_negative, positive
+from granphon.base.arguments import finite_array, not_negative, positive, real_array
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
+from granphon.base.scales import write_quantity
+from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import make_operator
@@ -37,6 +39,8 @@ _LATE = 3.0
 _SURE = 0.45
 #: most products with D that a record may take
 _MOST = 2**20
+#: largest viscosity of a contact over its stiffness, times the highest frequency
+_MOST_DAMPED = 1e12
 #: largest number of times at which a pulse is heard
 _MOST_READINGS = 2**24
 #: the mean contact force being the same, velocities and frequencies of an array of differing balls are those of the array of
@@ -127,7 +131,7 @@ class Route:
         push = _find_polarisation(network, along, wanted.polarisation)
         apart = _read_list("planes", wanted.planes, "m", "above zero")
         frames = _read_list("frames", wanted.frames, "s", "zero or above")
-        farthest = max(length, *apart) if apart.size else length
+        farthest = max([length, *apart.tolist()])
         course = Course.along(network, along)
         if wanted.ends == "periodic":
             course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
@@ -140,21 +144,22 @@ class Route:
         _require_apart(course, sources, groups[0], length)
         _require_joined(course.network, sources, groups[0])
         fastest = _estimate_velocities(course.network, along, push)
-        duration = wanted.duration
-        if duration is None:
-            duration = burst.duration + _LATE * farthest / fastest[0]
+        if wanted.duration is not None:
+            duration = positive("duration", wanted.duration, "s")
+        else:
+            duration = burst.duration + _LATE * farthest / float(fastest[0])
             if wanted.ends == "periodic":  # what runs the other way round comes later
                 away = course.find_distance(start, groups[0])
                 _require_room(course.period, away, fastest[0] / margin, burst)
-                duration = min(duration, (course.period - away) / fastest[0])
+                duration = min(duration, (course.period - away) / float(fastest[0]))
         step = 1.0 / (READINGS * hertz)
-        count = max(3, math.floor(positive("duration", duration, "s") / step) + 1)
-        if count > _MOST_READINGS:
+        readings = duration / step if step else math.inf
+        if not readings < _MOST_READINGS:
             raise InputError(
-                message(f"a pulse of {hertz:g} Hz is read {count:.3g} times in {duration:.3g} s",
-                        mend="Use a lower frequency, or a shorter distance or duration")
+                message(f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than {_MOST_READINGS:,} times",
+                        mend="Use a lower frequency, fewer cycles, or a shorter distance or duration")
             )  # fmt: skip
-        times: Array = step * np.arange(count, dtype=np.float64)
+        times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
     @property
@@ -196,7 +201,7 @@ def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | 
         operator = make_operator(course.network)
         require_stable(operator)
     _require_reachable(operator, burst.frequency)
-    _require_short(operator, route.last, 0.0 if across == tau else max(tau, across))
+    _require_short(operator, route.last, max(tau, across), across != tau)
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
     e = push[list(operator.motions.translations)]
@@ -237,7 +242,7 @@ def _spread(operator: WaveOperator, state: Array) -> Array:
 
 def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
     """Return numbers (n,), which may be none."""
-    return finite_array(name, given, unit, span).ravel() if np.size(given) else np.zeros(0)
+    return finite_array(name, given, unit, span).ravel() if real_array(name, given).size else np.zeros(0)
 
 
 def _read_vector(name: str, given: Any, dimension: int) -> Array:
@@ -313,7 +318,7 @@ def _require_joined(network: ContactNetwork, sources: Index, receivers: Index) -
     if not np.isin(part[receivers], part[sources]).any():
         raise InputError(
             message(
-                f"no contacts join the source and the {len(receivers)} balls of the receiving plane",
+                f"no contacts join the source and the {counted(len(receivers), 'ball')} of the receiving plane",
                 f"The balls fall into {np.max(part) + 1} parts",
                 "Use a higher load, or one of network.pieces()",
             )
@@ -343,23 +348,27 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     return UnreachableFrequencyError(message(what, "Nothing of the pulse would travel", "Lower the frequency"))
 
 
-def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0) -> None:
+def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D.
 
-    ``damping`` is the largest time, s, if contacts are damped differently in their motions.
+    ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in their motions.
     """
-    if (viscous := operator.top * damping * operator.top * duration) > _MOST:
+    tau, top = write_quantity(damping, "s", 3), write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
+    if (ratio := operator.top * damping) > _MOST_DAMPED:
+        what = f"with a damping of {tau} nothing moves in a network whose frequencies go up to {top}"
+        raise InputError(message(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most"))
+    if uneven and (viscous := ratio * operator.top * duration) > _MOST:
         raise InputError(
-            message(f"a damping of {damping:.3g} s takes {viscous:.3g} products with the matrix of the network",
+            message(f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network",
                     "Different dampings are propagated in steps of the most damped motion", "Give less, or one for both")
         )  # fmt: skip
     products = 0.5 * operator.top * duration
     if products > _MOST:
-        longest, hertz = 2.0 * _MOST / operator.top, operator.top / (2.0 * math.pi)
+        record, longest = (write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top))
         raise InputError(
             message(
-                f"a record of {duration:.3g} s takes {products:.3g} products with the matrix of the network",
-                f"Its frequencies go up to {hertz:.3g} Hz, and {_MOST} products reach {longest:.3g} s",
+                f"a record of {record} takes {products:.3g} products with the matrix of the network",
+                f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}",
                 "Use a higher frequency, fewer cycles, or a shorter distance or duration",
             )
         )
@@ -374,10 +383,11 @@ def _require_room(period: float, length: float, velocity: float, burst: ToneBurs
     if needed > period:
         room = period - velocity * burst.duration
         nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
+        times = ((period - length) / velocity, burst.duration, length / velocity)
+        end, pushed, flight = (write_quantity(one, "s", 3) for one in times)
         raise InputError(
             message(
-                f"the record ends at {(period - length) / velocity:.3g} s, before the burst of {burst.duration:.3g} s and "
-                f"the flight of {length / velocity:.3g} s are over",
+                f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over",
                 f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m long",
                 f"Use {nearer}an array of {needed:.4g} m along the direction, fewer cycles, a higher frequency, or ends: "
                 "free",

@@ -52,7 +52,7 @@ class ViscousPropagation:
         root = operator.root
         lag = np.repeat(times, root.shape[0] // len(times))
         self._viscous = (root.T.tocsr() @ root.multiply(lag[:, None]).tocsr()).tocsr()
-        self._shift = 0.5 * max(damping) * operator.top**2
+        self._shift = float(0.5 * max(damping) * operator.top**2)
         amplitudes, self._omegas = burst.waves
         self._radius = max(operator.top, float(np.max(self._omegas)))
         self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius
@@ -74,7 +74,7 @@ class ViscousPropagation:
 
     @cached_property
     def _span(self) -> float:
-        return min(_DECAY / self._shift, _PHASE / self._radius)
+        return min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
 
     def _count_terms(self, span: float) -> int:
         """Return the number of polynomials beyond which all terms are below :data:`_LEAST`."""

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief, message
+from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
+from granphon.observables.validity import find_network_warnings
 from granphon.waves.array_operator import make_operator
 from granphon.waves.dos import SpectralDensity, find_dos
 from granphon.waves.eigenpairs import require_stable
@@ -34,11 +36,19 @@ def _take_arguments(
     """Make a method of what is sent one of the arguments of :class:`Sending`, which alone names them and their defaults."""
 
     def decorate(send: Callable[[Waves, Sending], Pulse]) -> Callable[Concatenate[Waves, P], Pulse]:
+        own, given = signature(send), signature(make)
+        needed, more = ([name for name, one in given.parameters.items() if (one.default is one.empty) is need]
+                        for need in (True, False))  # fmt: skip
+
         @wraps(send)
         def method(self: Waves, /, *args: P.args, **options: P.kwargs) -> Pulse:
+            try:
+                given.bind(*args, **options)
+            except TypeError as wrong:
+                told = f"It needs {', '.join(needed)}, and takes {', '.join(more)}"
+                raise InputError(message(f"{send.__name__}: {wrong}", told)) from None
             return send(self, make(*args, **options))
 
-        own, given = signature(send), signature(make)
         parameters = [next(iter(own.parameters.values())), *given.parameters.values()]
         method.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
         method.__annotations__ = {"return": own.return_annotation}
@@ -60,6 +70,18 @@ class Waves:
 
     def __init__(self, source: Any) -> None:
         self.network = _find_network(source)
+
+    def __repr__(self) -> str:
+        network, motions = self.network, self.network.ball_motions
+        return (
+            f"Waves({counted(network.n_balls, 'ball')}, {counted(network.n_contacts, 'contact')},"
+            f" {', '.join(motions.letters)} of each ball; frequencies in Hz)"
+        )
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`."""
+        return find_network_warnings(self.network)
 
     @cached_property
     def operator(self) -> WaveOperator:
