@@ -541,7 +541,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "media": {"simulation": {"shape": 8}}}, "medium.simulation.shape: found 8; allowed: two whole"),
         (
             {"force": 1.0, "media": {"simulation": {"geometry": "lattice"}}, "finite_overlap": True},
-            "'simulation' has no terms of finite overlap",
+            r"'simulation\(geometry=lattice\)' has no terms of finite overlap",
         ),
         (
             {"force": 1.0, "media": "simulation", "lattice": "square"},

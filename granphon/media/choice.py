@@ -301,6 +301,7 @@ class Rung:
     load : these loads, with their values in SI.
     chosen : whether an :class:`AutoMedium` chose the medium for its expected error.
     truth : simulated arrays that the error is relative to.
+    is_part : whether the same medium serves other loads in another geometry.
     """
 
     medium: MediumChoice
@@ -309,6 +310,7 @@ class Rung:
     load: Load
     chosen: bool = False
     truth: Truth = REST
+    is_part: bool = False
 
     @property
     def is_quick(self) -> bool:
@@ -329,7 +331,10 @@ class Rung:
         found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(found) == 1:
             return [replace(self, medium=found[0][0])]
-        return [replace(self, medium=one, loads=self.loads[places], load=self.load[places]) for one, places in found]
+        return [
+            replace(self, medium=one, loads=self.loads[places], load=self.load[places], is_part=True)
+            for one, places in found
+        ]
 
     @cached_property
     def errors(self) -> Array:

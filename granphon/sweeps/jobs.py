@@ -200,7 +200,7 @@ class Job:
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
         out = self.observe(RecordedState.of(medium, records, load))
         if self.waves is not None:
-            out = _add_waves(out, load, records, self.waves, medium.packing)
+            out = _add_waves(out, load, records, self.waves, medium.packing, not self.rung.is_part)
         return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
 
     @property
@@ -245,9 +245,11 @@ class Job:
 
 
 def _add_waves(
-    out: TaskResult, load: Load, records: Sequence[SampleRecord], wanted: WaveSettings, packing: Packing
+    out: TaskResult, load: Load, records: Sequence[SampleRecord], wanted: WaveSettings, packing: Packing, whole: bool
 ) -> TaskResult:
     """Return ``out`` with the means over samples of the waves, and notes on what is not known of them.
+
+    ``whole`` says whether these are all loads of the medium, which a note need not name.
 
     An observable that is not known at some of the loads is nan there; one that is known at none is left out.
     """
@@ -262,14 +264,16 @@ def _add_waves(
             said.setdefault(text, []).append(index)
     known = {name: value for row in rows for name, value in row.items()}
     found = {name: np.array([row.get(name, np.full_like(one, np.nan)) for row in rows]) for name, one in known.items()}
-    notes = [_name_loads(load, indices, packing.structure.periods) + text for text, indices in said.items()]
+    periods = packing.structure.periods
+    notes = [
+        ("" if whole and len(indices) == load.size else _name_loads(load, indices, periods)) + text
+        for text, indices in said.items()
+    ]
     return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
 
 
 def _name_loads(load: Load, indices: Sequence[int], periods: int) -> str:
-    """Return the beginning of a note on some of the loads; nothing for a note on all of them."""
-    if len(indices) == load.size:
-        return ""
+    """Return the beginning of a note on some of the loads."""
     more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
     return f"at {load[indices[0]].describe(periods)}{more}, "
 
