@@ -160,7 +160,8 @@ class WidthFit(Result):
         if choice.simulates:
             forces = real_array("force", force)
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
-            return model(model.find_start(self.packing.width))[0].reshape(forces.shape)[()]
+            start = model.find_start(self.packing.width)
+            return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
         return waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap))[0][()]
 
     def said_units(self) -> dict[str, str]:
@@ -270,6 +271,7 @@ def fit_width(
         raise InputError(message(what, why, "Name a medium"))
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
+    waves = problem.model.waves  # the geometry of samples is settled, and with it whether overlap is finite
     if data.sigma is None:
         problem = problem.with_scatter(logs)
     residuals, matrix = problem(logs)
