@@ -269,6 +269,8 @@ class ContactNetwork(Result):
         normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
         masses = units.mass * crystal.masses
         spring = k * crystal.stiffness
+        if crystal.is_prestressed:  # its statics are those of normal forces alone
+            more = {"tangential_force": np.zeros((count, 3)), **more}
         return cls(
             cell=cell, radii=d * np.broadcast_to(radii, crystal.n_balls),
             masses=masses, inertias=masses * (d * crystal.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
