@@ -32,7 +32,7 @@ class Row(NamedTuple):
 
     Attributes
     ----------
-    kind : "elongation", "slip", "twist", "roll"; or "push", a displacement across the contact, and "turn", a sum of rotations.
+    kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; or "turn", a sum of rotations.
     stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one per
         contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
@@ -95,7 +95,7 @@ def carry_rows(
     normal: Array, force: Array, distance: Array, arm_i: Array, arm_j: Array, motions: Motions, gyration_i: Array,
     gyration_j: Array,
 ) -> list[tuple[Row, Row]]:  # fmt: skip
-    """Return the stiffness that static forces T = ``force`` (n_c, d) across contacts have: the sum of pull^T move over pairs.
+    """Return the stiffness that static forces T = ``force`` (n_c, d) across contacts have: the sum of pull^T move.
 
     T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half of the elongation e:
 

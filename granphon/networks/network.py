@@ -411,7 +411,8 @@ class ContactNetwork(Result):
         motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
 
         With ``prestress`` the response is that of ``mindlin/force``, but for the part of the tangential forces that has no
-        potential, and for slip, which LAMMPS counts with the radii. Contacts with walls are not in ``compute pair/local``, and are missing.
+        potential, and for slip, which LAMMPS counts with the radii. Contacts with walls are not in ``compute
+        pair/local``, and are missing.
 
         A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an
         :class:`~granphon.base.errors.InconsistencyWarning`; what the digits of the file leave open, and contacts below a

@@ -9,7 +9,8 @@ are squared angular frequencies, (rad/s)^2, and singular values of A are angular
 that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
 Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no potential, as the law of discrete
-elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r), :attr:`WaveOperator.slack`.
+elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r),
+:attr:`WaveOperator.slack`.
 It is seen where an eigenvalue is zero: a ball with two contacts in space turns freely about the line through them, along
 which its forces are, and D makes a little less than zero of that.
 """
@@ -142,7 +143,8 @@ class WaveOperator(LinearOperator[np.float64]):
             found = (found - across.T.tocsr() @ across).tocsr()
         if self._carried is None:
             return found
-        return (found + 0.5 * (self._carried + self._carried.T)).tocsr()
+        held: csr_array[Any] = (found + 0.5 * (self._carried + self._carried.T)).tocsr()
+        return held
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
@@ -157,14 +159,15 @@ class WaveOperator(LinearOperator[np.float64]):
         )  # fmt: skip
         unit = [np.ones(network.n_contacts)] * len(pairs)
         pull, move = (self._make_matrix(list(rows), unit) for rows in zip(*pairs, strict=True))
-        return (pull.T.tocsr() @ move).tocsr()
+        found: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
+        return found
 
     @cached_property
     def slack(self) -> float:
         """Squared frequency, (rad/s)^2, by which one of zero is lowered at most as D leaves out a part N of G.
 
         It is 4 N^2 / top^2, where N is the largest sum of a row: the motions into which N turns one of zero frequency have
-        at least a quarter of the squared frequency of the top. (Of 33 packings of LAMMPS and arrays at rest, 3.2 N^2 / top^2.)
+        at least a quarter of the squared frequency of the top. (Of 33 packings and arrays at rest it was 3.2 N^2 / top^2.)
         """
         if self._carried is None:
             return 0.0
