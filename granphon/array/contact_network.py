@@ -46,7 +46,8 @@ def make_network(
     positions, diameters : (L1, ..., Lp, p) or (L1, ..., Lp, n, p), and (L1, ..., Lp) or (L1, ..., Lp, n), m.
     force, stiffness : (L1, ..., Lp, n_c), N and N/m; contacts without stiffness are left out.
     shear : ratio of the tangential to the normal stiffness, a number or (L1, ..., Lp, n_c); that of the packing if None.
-    tangential : (L1, ..., Lp, n_c, p) tangential forces of ball i on ball j, N; None if contacts have none.
+    tangential : (L1, ..., Lp, n_c, p) tangential forces of ball i on ball j, N; None if contacts have none, which are
+        zeros under prestress.
     place : configuration in the true geometry; None where contacts keep the directions of the lattice.
     """
     structure, table, d = packing.structure, packing.structure.contacts, packing.diameter
@@ -70,8 +71,9 @@ def make_network(
     eta = packing.mindlin_ratio if shear is None else shear
     ratio = np.broadcast_to(eta, (*shape, len(table))).reshape(number.shape)[live]
     across = None
-    if tangential is not None:
+    if tangential is not None or place is not None:
         across = np.zeros((len(carried), 3))
+    if tangential is not None and across is not None:
         across[:, :p] = tangential.reshape(*number.shape, p)[live]
     mass, twist = np.full(len(places), packing.mass), packing.find_torsion(carried, spring)
     return ContactNetwork(

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
 
-__all__ = ["Row", "contact_rows", "push_rows", "strain_rows"]
+__all__ = ["Row", "carry_rows", "contact_rows", "push_rows", "strain_rows"]
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Row(NamedTuple):
 
     Attributes
     ----------
-    kind : "elongation", "slip", "twist", "roll"; or "push", the displacement across the contact.
+    kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; or "turn", a sum of rotations.
     stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one per
         contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
@@ -91,6 +91,36 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
+def carry_rows(
+    normal: Array, force: Array, distance: Array, arm_i: Array, arm_j: Array, motions: Motions, gyration_i: Array,
+    gyration_j: Array,
+) -> list[tuple[Row, Row]]:  # fmt: skip
+    """Return the stiffness that static forces T = ``force`` (n_c, d) across contacts have: the sum of pull^T move.
+
+    T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half of the elongation e:
+
+        dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
+
+    where v is the displacement across the contact and r the ``distance``; and dM_j, with its own arm, likewise. That has no
+    potential: the sum is not symmetric. T does not turn about n with the balls.
+    """
+    n, across = (np.zeros((len(normal), 3)) for _ in range(2))
+    n[:, : normal.shape[1]], across[:, : force.shape[1]] = normal, force
+    beside = np.cross(n, across)
+    one_i, one_j = 1.0 / gyration_i, 1.0 / gyration_j
+    none = list(np.zeros((3, len(n))))
+
+    def push(vector: Array) -> Row:
+        return _make_row("push", 1.0, list((vector / distance[:, None]).T), none, one_j, one_i, motions)
+
+    def turn(vector: Array, at_j: Array, at_i: Array) -> Row:
+        return _make_row("turn", 1.0, none, list(vector.T), at_j * one_j, -at_i * one_i, motions)
+
+    along, unit = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions), np.ones(len(n))
+    # v x T is along n
+    return [(along, push(across)), (turn(n, arm_j, arm_i), push(-beside)), (turn(0.5 * beside, unit, unit), along)]
+
+
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
     """Return (n_c, n_u, d) derivatives of a row's deformation with respect to the displacement gradient u_a,b.
 
@@ -103,8 +133,16 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
 _Axes = list[Array]
 
 
+def _make_row(kind: str, stiffness: Any, moved: _Axes, turned: _Axes, at_j: Any, at_i: Any, motions: Motions) -> Row:
+    """Return the row ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions."""
+    moves, turns = [moved[axis] for axis in motions.translations], [turned[axis] for axis in motions.rotations]
+    # the transposed array keeps the contacts of one motion contiguous in memory
+    head, tail = (np.array(moves + [at * turn for turn in turns]).T for at in (at_j, at_i))
+    return Row(kind, stiffness, head, tail)
+
+
 def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions) -> list[Row]:
-    """Return rows ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions.
+    """Return the rows of some deformations.
 
     Rows without effect are left out: those without stiffness, and those that no motion makes in any contact. If there are no
     contacts, the second rule does not apply.
@@ -113,9 +151,7 @@ def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, A
     for kind, stiffness, moved, turned, at_j, at_i in deformations:
         if not (stiffness.any() if isinstance(stiffness, np.ndarray) else stiffness):
             continue
-        moves, turns = [moved[axis] for axis in motions.translations], [turned[axis] for axis in motions.rotations]
-        if any(part.any() or not len(part) for part in moves + turns):
-            # the transposed array keeps the contacts of one motion contiguous in memory
-            head, tail = (np.array(moves + [at * turn for turn in turns]).T for at in (at_j, at_i))
-            rows.append(Row(kind, stiffness, head, tail))
+        parts = [moved[axis] for axis in motions.translations] + [turned[axis] for axis in motions.rotations]
+        if any(part.any() or not len(part) for part in parts):
+            rows.append(_make_row(kind, stiffness, moved, turned, at_j, at_i, motions))
     return rows

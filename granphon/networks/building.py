@@ -201,6 +201,11 @@ def build_network(
         "arm_i": _find_arms(radii_i, overlap) if contacts.arm_i is None else contacts.arm_i,
         "arm_j": _find_arms(radii_j, overlap) if contacts.arm_j is None else contacts.arm_j,
     }  # fmt: skip
+    if prestress and contacts.tangential_force is None and dimension > 1 and np.any(shear):
+        what = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
+        why = "Contacts that resist slip bear both, of one order: without them a packing at rest may seem unstable"
+        mend = "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x, tangential_y, tangential_z"
+        warnings.warn(message(what, why, mend), InconsistencyWarning, stacklevel=4)
     if contacts.tangential_force is not None:
         found["tangential_force"] = contacts.tangential_force
     if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 _STYLES = {
     "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9), "nano": (1e-9, 1e-21, 1e-12),
 }  # fmt: skip
-_NAMES = ("i", "j", "force", "dx", "dy", "dz")
+_NAMES = ("i", "j", "force", "dx", "dy", "dz", "tx", "ty", "tz")
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
 _NAME_PAIRS = "Name them in LAMMPS, dump_modify 2 colname 1 i colname 2 j, or here: columns=['i', 'j', 'force', ...]"
 
@@ -84,8 +84,11 @@ def read_dumps(
     vector = None
     if {"dx", "dy", "dz"} <= set(touching.names):  # LAMMPS gives the vector from j to i
         vector = -length * np.stack([touching.read(name) for name in ("dx", "dy", "dz")], axis=1)
+    across = None
+    if {"tx", "ty", "tz"} <= set(touching.names):  # LAMMPS gives the force on i
+        across = -force * np.stack([touching.read(name) for name in ("tx", "ty", "tz")], axis=1)
     contacts = Contacts(
-        touching.name, _read_ids(touching, "i"), _read_ids(touching, "j"), vector=vector,
+        touching.name, _read_ids(touching, "i"), _read_ids(touching, "j"), vector=vector, tangential_force=across,
         normal_force=force * touching.read("force") if "force" in touching.names else None,
         normal_stiffness=None if normal_stiffness is None else np.full(
             count, positive("normal_stiffness", normal_stiffness, "N/m")

@@ -62,7 +62,7 @@ class ContactNetwork(Result):
     torsion_stiffness, bending_stiffness : (n_c,) resistance against twist and against rolling, N m.
     arm_i, arm_j : (n_c,) distances from the two centres to the contact, m.
     tangential_force : (n_c, 3) static forces across contacts, with which ball i acts on ball j, N; None if they are not
-        known. The linear response leaves them out.
+        known. With prestress they stay across the contacts as these turn, as in LAMMPS, and keep their size.
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls rotate only if some
         contact resists it.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
@@ -272,6 +272,8 @@ class ContactNetwork(Result):
         normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
         masses = units.mass * crystal.masses
         spring = k * crystal.stiffness
+        if crystal.is_prestressed:  # its statics are those of normal forces alone
+            more = {"tangential_force": np.zeros((count, 3)), **more}
         return cls(
             cell=cell, radii=d * np.broadcast_to(radii, crystal.n_balls),
             masses=masses, inertias=masses * (d * crystal.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
@@ -360,7 +362,9 @@ class ContactNetwork(Result):
         dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for all balls.
         motions : of each ball; by default the first that the dimension allows.
         friction : whether contacts resist slip, where their shear stiffness is not given.
-        prestress : whether static forces act on displacements across contacts; by default they do not.
+        prestress : whether static forces act on displacements across contacts; by default they do not. Contacts that resist
+            slip bear tangential forces of the same order: without these there is an
+            :class:`~granphon.base.errors.InconsistencyWarning`.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and ``left_out`` is their number.
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
@@ -397,8 +401,9 @@ class ContactNetwork(Result):
         dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
             mass if there is no material.
         pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
-            default: Hertz's at the overlap of the two balls) and dx, dy, dz, the vector from j to i, as p10, p11, p12 of
-            ``compute pair/local`` (default: to the nearest image).
+            default: Hertz's at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12 of
+            ``compute pair/local`` (default: to the nearest image); and tx, ty, tz, the tangential force on i, as p1, p2, p3
+            (default: not known).
         material : the one that the contacts of ``hertz/material`` have in the simulation; None for constant stiffnesses.
         units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units. By default what the dump
             says, or "si".
@@ -408,8 +413,9 @@ class ContactNetwork(Result):
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
         motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
 
-        Tangential forces at rest are not part of the linear response; LAMMPS' own has further terms of relative order
-        overlap over diameter. Contacts with walls are not in ``compute pair/local``, and are missing.
+        With ``prestress`` the response is that of ``mindlin/force``, but for the part of the tangential forces that has no
+        potential, and for slip, which LAMMPS counts with the radii. Contacts with walls are not in ``compute
+        pair/local``, and are missing.
 
         A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an
         :class:`~granphon.base.errors.InconsistencyWarning`; what the digits of the file leave open, and contacts below a

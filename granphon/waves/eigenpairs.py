@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from granphon.base.errors import InputError, InstabilityError, message
-from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, make_too_few
+from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit, make_too_few
 from granphon.waves.filtering import find_filtered
 from granphon.waves.operator import WaveOperator
 
@@ -55,7 +55,7 @@ def require_stable(operator: WaveOperator) -> None:
     """
     if not operator.network.prestress:
         return
-    limit = (ZERO * operator.top) ** 2
+    limit = find_limit(operator)
     if operator.size <= _FACTORED[operator.network.dimension]:
         stable = Problem(operator, np.arange(operator.size)).count_below(-limit) == 0
     else:
@@ -90,8 +90,7 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
                     mend="Ask for fewer")
         )  # fmt: skip
     squares, vectors = eigh(problem.shifted(0.0).toarray())
-    limit = (ZERO * problem.top) ** 2
-    if squares[0] < -limit:
+    if squares[0] < -find_limit(problem.operator):
         raise InstabilityError(UNSTABLE)
     omega = np.sqrt(np.maximum(squares, 0.0))
     chosen = problem.choose(omega, count, target)

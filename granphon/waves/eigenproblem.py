@@ -11,7 +11,7 @@ from granphon.base.errors import ConvergenceError, InputError, InstabilityError,
 from granphon.base.text import counted
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["DENSE", "RESIDUAL", "UNSTABLE", "ZERO", "Eigenpairs", "Problem", "make_too_few"]
+__all__ = ["DENSE", "RESIDUAL", "UNSTABLE", "ZERO", "Eigenpairs", "Problem", "find_limit", "make_too_few"]
 
 Array = NDArray[np.float64]
 #: most motions of a network all of whose modes are found at once, by a dense matrix
@@ -24,7 +24,7 @@ RESIDUAL = 1e-8
 UNSTABLE = message(
     "the network is not stable: a squared frequency is below zero",
     "Its static forces exceed what its springs hold, so that it would buckle",
-    "Bring it to rest first, or leave the static forces out (prestress=False)",
+    "Bring it to rest first, give its tangential_force if it has friction, or leave the static forces out (prestress=False)",
 )
 
 
@@ -86,7 +86,7 @@ class Problem:
         pressed = operator.matrix @ whole
         if operator.network.prestress:
             squares, turned = np.linalg.eigh(whole.T @ pressed)
-            if squares[0] < -((ZERO * self.top) ** 2):
+            if squares[0] < -find_limit(operator):
                 raise InstabilityError(UNSTABLE)
             omega = np.sqrt(np.maximum(squares, 0.0))
         else:
@@ -118,6 +118,11 @@ def _find_singular(matrix: Array) -> tuple[Array, Array]:
 
         _, sizes, rows = svd(matrix, lapack_driver="gesvd")
     return sizes, rows
+
+
+def find_limit(operator: WaveOperator) -> float:
+    """Return how far below zero a squared frequency of a network at rest may be, (rad/s)^2."""
+    return (ZERO * operator.top) ** 2 + operator.slack
 
 
 def make_too_few(there: int, count: int) -> InputError:

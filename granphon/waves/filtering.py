@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.waves.chebyshev import polynomials
-from granphon.waves.eigenproblem import RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem
+from granphon.waves.eigenproblem import RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit
 from granphon.waves.kernel import Kernel
 from granphon.waves.moments import Moments
 from granphon.waves.operator import WaveOperator
@@ -303,7 +303,7 @@ def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
     parts = range(0, basis.shape[1], _COLUMNS)
     pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
     squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
-    if squares[0] < -((ZERO * top) ** 2):
+    if squares[0] < -find_limit(problem.operator):
         raise InstabilityError(UNSTABLE)
     low, high = window.part(1.0)
     omega = np.sqrt(np.maximum(squares, 0.0))
