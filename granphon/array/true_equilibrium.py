@@ -290,13 +290,19 @@ class _Path:
         distance = max(trial.left, trial.missed)
         stiffness = 1.5 * trial.root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
-        step, conjugate = self._geometry.solve(
-            trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push),
-            self._inverses.choose(self._geometry.weigh(stiffness, trial.forces)),
-            min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)), self._load.overlap is None, truly,
-        )  # fmt: skip
-        self._inverses.count(conjugate)
-        self.newton, self.conjugate = self.newton + 1, self.conjugate + conjugate
+        weights = self._geometry.weigh(stiffness, trial.forces)
+        inverse, most = self._inverses.choose(weights), self._inverses.find_patience(weights)
+        for limit in (most, None) if most else (None,):
+            step, conjugate = self._geometry.solve(
+                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverse,
+                min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)), self._load.overlap is None, truly, limit,
+            )  # fmt: skip
+            self._inverses.count(conjugate)
+            self.conjugate += conjugate
+            if limit is None or conjugate < limit:
+                break
+            inverse = self._inverses.choose(weights, hard=True)  # factors of stiffnesses that were others do not serve
+        self.newton += 1
         return step
 
     def _probe(self, trial: _Trial) -> tuple[_Trial, TrueEquilibrium | None]:

@@ -102,12 +102,13 @@ class ExactGeometry:
 
     def solve(
         self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, truly: bool = False,
+        free: bool, truly: bool = False, most: int | None = None,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion without friction; see :class:`Geometry`.
 
         Forces push balls aside with the stiffness -f eps/|w|. It is taken with the other sign, with which there is always a
         solution; balls that are pushed aside then go the same way. If ``truly`` is true, its own sign is tried before.
+        ``most`` is the largest number of iterations.
         """
         size, shape, held = right.balls.size, right.balls.shape, 1.0 / float(np.sum(stiffness))
 
@@ -123,7 +124,7 @@ class ExactGeometry:
             found, taken, stable = solve_by_descent(
                 lambda vector, product=product: join(*product(*split(vector))),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, _MOST_STEPS,
+                join(*right), reduction, most or _MOST_STEPS,
             )  # fmt: skip
             count += taken
             if stable:
