@@ -121,9 +121,7 @@ class _Clusters:
         change = np.sum((2.0 * self._normal + self._ratio * v) * v, axis=0) / (1.0 + size)
         root = np.sqrt(np.maximum(self._means - change, 0.0))
         push = root**3 * w
-        pull = [
-            np.bincount(self._j, one, count + 1)[:count] - np.bincount(self._i, one, count + 1)[:count] for one in push
-        ]
+        pull = [np.bincount(self._j, one, count + 1)[:count] - np.bincount(self._i, one, count + 1)[:count] for one in push]
         return np.array(pull), root, size, w
 
     def _find_step(self, pull: Array, root: Array, size: Array, normal: Array, left: Array, force: float) -> Array:
@@ -135,7 +133,12 @@ class _Clusters:
         aside = self._ratio * root**3 / size
         blocks = (1.5 * root - aside) * normal[:, None] * normal + aside * np.eye(p)[..., None]
         values, rows, columns = [], [], []
-        for a, b, sign in ((self._i, self._i, 1.0), (self._j, self._j, 1.0), (self._i, self._j, -1.0), (self._j, self._i, -1.0)):
+        for a, b, sign in (
+            (self._i, self._i, 1.0),
+            (self._j, self._j, 1.0),
+            (self._i, self._j, -1.0),
+            (self._j, self._i, -1.0),
+        ):
             inside = np.flatnonzero(np.maximum(a, b) < count)
             for k in range(p):
                 for m in range(p):
@@ -188,4 +191,4 @@ def _join(i: Indices, j: Indices, contact: NDArray[np.bool_], count: int) -> tup
     groups, of_ball = connected_components(
         coo_array((np.ones(links.size), (i[links], j[links])), shape=(count, count)), directed=False
     )
-    return int(groups), of_ball
+    return int(groups), of_ball.astype(np.intp)

@@ -28,7 +28,7 @@ is that of the mean ball in both: its own radii change that of a contact by a pa
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -118,11 +118,14 @@ class ExactGeometry:
         def join(balls: Array, press: float) -> Array:
             return np.append(balls, press) if free else np.ravel(balls)
 
+        def apply(product: SymmetricProduct, vector: Array) -> Array:
+            return join(*product(*split(vector)))
+
         count = 0
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
             found, taken, stable = solve_by_descent(
-                lambda vector, product=product: join(*product(*split(vector))),
+                partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
                 join(*right), reduction, most or _MOST_STEPS,
             )  # fmt: skip
