@@ -5,9 +5,9 @@ from the limit of small spread it is no longer convex: a contact that carries a 
 stiffness -f W/d. On the lattice a ball between two others in line may stay there. In truth it moves out until it touches a
 third, which then carries a force of the order f W/d. From the equilibrium on the lattice loose balls are led there apart
 from the others (:mod:`granphon.array.cages`), and Newton's method brings all nearer to rest, in turn; if that does not end,
-the interior-point method (:mod:`granphon.array.interior`) leads all together. With the sign of -f W/d turned, a step is about
-as long as the ball is far from the line. Where the way ends so near the line that hardly any force is left on the ball, that
-is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below zero the balls go
+the interior-point method (:mod:`granphon.array.interior`) leads all together. With the sign of -f W/d turned, a step is
+about as long as the ball is far from the line. Where the way ends so near the line that hardly any force is left on the
+ball, that is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below zero the balls go
 downhill along that direction, and on from there.
 """
 
