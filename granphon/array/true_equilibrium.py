@@ -7,8 +7,8 @@ third, which then carries a force of the order f W/d. From the equilibrium on th
 from the others (:mod:`granphon.array.cages`), and Newton's method brings all nearer to rest, in turn; if that does not end,
 the interior-point method (:mod:`granphon.array.interior`) leads all together. With the sign of -f W/d turned, a step is
 about as long as the ball is far from the line. Where the way ends so near the line that hardly any force is left on the
-ball, that is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below zero the balls go
-downhill along that direction, and on from there.
+ball, that is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below zero the
+balls go downhill along that direction, and on from there.
 """
 
 from __future__ import annotations
