@@ -31,6 +31,7 @@ from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.dynamics.long_waves import voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
+from granphon.media.equilibria import find_equilibria, find_equilibrium
 from granphon.media.simulation import SampleLaw, SimulatedState
 from granphon.observables.catalogue import CATALOGUE
 
@@ -340,6 +341,25 @@ def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
     assert np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0)
+
+
+def test_an_equilibrium_does_not_depend_on_the_other_loads():
+    """Loose balls come to rest where their way leads them: it begins on the lattice, under the same load."""
+    x, load = balls((12, 12), 3), Prescribed(overlap=-0.03)
+    alone = find_equilibria(x, TRIANGULAR, [load], 1, STEEL_WIDTH)[0]
+    among = find_equilibria(x, TRIANGULAR, [Prescribed(overlap=0.1), load, Prescribed(overlap=0.0)], 1, STEEL_WIDTH)[1]
+    again = find_equilibrium(x, TRIANGULAR, load, (0.0, among.balls), 1, STEEL_WIDTH)
+    for other in (among, again):
+        np.testing.assert_array_equal(other.balls, alone.balls)
+
+
+def test_loose_balls_come_to_rest_apart_from_the_others():
+    """Far fewer iterations than balls lead all to rest together: a chain of steps for each would take hundreds."""
+    x, load = balls((32, 32), 1), Prescribed(overlap=-0.05)
+    limit = equilibrate(x, load)
+    state = equilibrate_in_truth(x, load, STEEL_WIDTH, limit.stencils, limit)
+    assert state.residual <= 1e-10
+    assert state.newton - limit.newton < 40
 
 
 def test_what_the_geometry_needs():

@@ -191,4 +191,4 @@ def _join(i: Indices, j: Indices, contact: NDArray[np.bool_], count: int) -> tup
     groups, of_ball = connected_components(
         coo_array((np.ones(links.size), (i[links], j[links])), shape=(count, count)), directed=False
     )
-    return int(groups), of_ball
+    return int(groups), of_ball.astype(np.intp)

@@ -201,8 +201,7 @@ class CoupledProduct:
                 total -= float(np.sum(part.own * part.inside))
         return self._out[rooms.inner].copy(), total
 
-    @staticmethod
-    def _resist(part: _Part) -> None:
+    def _resist(self, part: _Part) -> None:
         """Write the tensions, with the sign turned, in the place of deformations."""
         if not len(part.coupled):
             np.multiply(part.rows, part.stiffness, out=part.rows)

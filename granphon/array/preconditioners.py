@@ -72,6 +72,10 @@ class Preconditioners:
                 self._changing |= _SOLUTION * (iterations - self._first) >= _PATIENCE
                 self._spent = max(self._spent, _PATIENCE)
 
+    def find_patience(self, stiffness: Array) -> int | None:
+        """Return the iterations with the preconditioner chosen last that cost as much as factors; None without factors."""
+        return _PATIENCE // (_SOLUTION if self._factors else 1) if self._may_factorise(stiffness) else None
+
     @property
     def are_small(self) -> bool:
         """Whether the array is small enough for factors."""

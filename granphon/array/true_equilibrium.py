@@ -3,11 +3,12 @@
 The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of :mod:`granphon.array.true_geometry`. Away
 from the limit of small spread it is no longer convex: a contact that carries a force f pushes the balls aside, with the
 stiffness -f W/d. On the lattice a ball between two others in line may stay there. In truth it moves out until it touches a
-third, which then carries a force of the order f W/d. The interior-point method (:mod:`granphon.array.interior`) leads loose
-balls there from the equilibrium on the lattice, and Newton's method goes on. With the sign of -f W/d turned, a step is about
-as long as the ball is far from the line: so in both methods. Where the way ends so near the line that hardly any force is
-left on the ball, that is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below
-zero the balls go downhill along that direction, and on from there.
+third, which then carries a force of the order f W/d. From the equilibrium on the lattice loose balls are led there apart
+from the others (:mod:`granphon.array.cages`), and Newton's method brings all nearer to rest, in turn; if that does not end,
+the interior-point method (:mod:`granphon.array.interior`) leads all together. With the sign of -f W/d turned, a step is
+about as long as the ball is far from the line. Where the way ends so near the line that hardly any force is left on the
+ball, that is a saddle of the energy, and no minimum: so at rest the curvature is probed, and where it is below zero the
+balls go downhill along that direction, and on from there.
 """
 
 from __future__ import annotations
@@ -256,10 +257,8 @@ class _Path:
 
     def lead(self) -> TrueEquilibrium:
         """Return the state at rest, to which the interior-point method leads all balls together."""
-        force, close = (
-            self._load.force if self._load.overlap is None else None,
-            min(_CLOSE, _OF_RATIO * self._geometry.ratio),
-        )
+        force = self._load.force if self._load.overlap is None else None
+        close = min(_CLOSE, _OF_RATIO * self._geometry.ratio)
         overlap, balls = self._overlap, self._start.balls
         found = approach(self._geometry, overlap, balls, force, self._inverses, False, close)
         if found:
@@ -293,13 +292,20 @@ class _Path:
         distance = max(trial.left, trial.missed)
         stiffness = 1.5 * trial.root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
-        step, conjugate = self._geometry.solve(
-            trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push),
-            self._inverses.choose(self._geometry.weigh(stiffness, trial.forces)),
-            min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)), self._load.overlap is None, truly,
-        )  # fmt: skip
-        self._inverses.count(conjugate)
-        self.newton, self.conjugate = self.newton + 1, self.conjugate + conjugate
+        weights = self._geometry.weigh(stiffness, trial.forces)
+        inverse, most = self._inverses.choose(weights), self._inverses.find_patience(weights)
+        for limit in (most, None) if most else (None,):
+            step, conjugate = self._geometry.solve(
+                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverse,
+                min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)),
+                self._load.overlap is None, truly, limit,
+            )  # fmt: skip
+            self._inverses.count(conjugate)
+            self.conjugate += conjugate
+            if limit is None or conjugate < limit:
+                break
+            inverse = self._inverses.choose(weights, hard=True)  # factors of stiffnesses that were others do not serve
+        self.newton += 1
         return step
 
     def _probe(self, trial: _Trial) -> tuple[_Trial, TrueEquilibrium | None]:

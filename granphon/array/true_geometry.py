@@ -28,7 +28,7 @@ is that of the mean ball in both: its own radii change that of a contact by a pa
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -102,12 +102,13 @@ class ExactGeometry:
 
     def solve(
         self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, truly: bool = False,
+        free: bool, truly: bool = False, most: int | None = None,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion without friction; see :class:`Geometry`.
 
         Forces push balls aside with the stiffness -f eps/|w|. It is taken with the other sign, with which there is always a
         solution; balls that are pushed aside then go the same way. If ``truly`` is true, its own sign is tried before.
+        ``most`` is the largest number of iterations.
         """
         size, shape, held = right.balls.size, right.balls.shape, 1.0 / float(np.sum(stiffness))
 
@@ -117,13 +118,16 @@ class ExactGeometry:
         def join(balls: Array, press: float) -> Array:
             return np.append(balls, press) if free else np.ravel(balls)
 
+        def apply(product: SymmetricProduct, vector: Array) -> Array:
+            return join(*product(*split(vector)))
+
         count = 0
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
             found, taken, stable = solve_by_descent(
-                lambda vector, product=product: join(*product(*split(vector))),
+                partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, _MOST_STEPS,
+                join(*right), reduction, most or _MOST_STEPS,
             )  # fmt: skip
             count += taken
             if stable:

@@ -85,9 +85,11 @@ _ROTATING_RESPONSE_TIME = {2: 0.8, 3: 2.2}
 _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
-#: times of an equilibrium and of a response in the exact geometry over those on the lattice
+#: times of an equilibrium and of a response in the exact geometry over those on the lattice, and f* below which that of an
+#: equilibrium grows as 1/f*^(1/2): more balls are loose
 _EXACT_TIME = 4.0
-_EXACT_RESPONSE_TIME = 2.0
+_EXACT_RESPONSE_TIME = 3.5
+_LOOSE_FORCE = 0.03
 #: bytes for each ball while a path is worked on, with two and three periods
 _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
 #: bytes for each ball of each state of a path that is kept
@@ -303,7 +305,8 @@ def estimate(
     slow = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0 * rest
     if simulation.is_exact:
-        rest, linear = _EXACT_TIME * rest, _EXACT_RESPONSE_TIME * linear
+        loose = np.sqrt(np.maximum(_LOOSE_FORCE / force, 1.0)) if periods > 1 else 1.0
+        rest, linear = _EXACT_TIME * loose * rest, _EXACT_RESPONSE_TIME * linear
     exponents = exponents and packing.spread_matters
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
     work, bounds = slow * float(np.sum(rest + linear + beside)), False

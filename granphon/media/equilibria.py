@@ -87,7 +87,8 @@ def _require_one_force(packing: Packing, force: float) -> None:
 def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:
     """Return the indices of the loads, from the highest load down.
 
-    Each equilibrium is found from that at the next higher load. The starting point affects only digits beyond the tolerance.
+    Each equilibrium is found from that at the next higher load. The starting point affects only digits beyond the tolerance;
+    in the true geometry, where it decides where loose balls come to rest, each has its own.
     """
     return sorted(range(len(prescribed)), key=lambda i: prescribed[i], reverse=True)
 
@@ -97,9 +98,9 @@ def find_equilibria(
 ) -> dict[int, Equilibrium]:
     """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of the load.
 
-    Each is found from the equilibrium at the next higher load. A ``ratio`` W/d above zero means the true geometry. There
-    each is found from that on the lattice under the same load: where loose balls come to rest depends on where they begin,
-    and must not depend on the other loads. An error carries the index of its load as ``load_index``.
+    Each is found from the equilibrium at the next higher load. A ``ratio`` W/d above zero means the true geometry: there
+    each is found from the lattice's under the same load, so that it does not depend on which others are asked for. An error
+    carries the index of its load as ``load_index``.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     out, last = dict[int, Equilibrium](), None
@@ -120,10 +121,10 @@ def find_equilibrium(
 ) -> Equilibrium:  # fmt: skip
     """Find the equilibrium of a sample with these ``deviations`` under one load.
 
-    The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None, or the
-    geometry is the true one: see :func:`find_equilibria`.
+    The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None; in the
+    true geometry it does not.
     """
-    start = None if before is None or ratio else Equilibrium(deviations, *before, lattice=lattice)
+    start = None if before is None else Equilibrium(deviations, *before, lattice=lattice)
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     return _equilibrate(deviations, prescribed, stencils, start, ratio)
 
@@ -132,7 +133,7 @@ def _equilibrate(
     deviations: Array, load: Prescribed, stencils: Stencils, start: Equilibrium | None, ratio: float
 ) -> Equilibrium:
     if ratio:
-        return equilibrate_in_truth(deviations, load, ratio, stencils, start)
+        return equilibrate_in_truth(deviations, load, ratio, stencils)
     return equilibrate(deviations, load, stencils, start)
 
 
