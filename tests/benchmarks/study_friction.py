@@ -4,9 +4,9 @@
 
 Half an hour on one processor. Seeds are given: numbers are the same on any machine. The part ``figures`` draws the
 page's figures into docs/images. Balls of steel of 8 mm, spread uniformly over 2.04 um, at rest without friction at
-a* = 1/2 and then pressed with friction; four arrays of 64 x 64, or of 32 x 32
-where they are let go again. Brackets hold the standard error of the last digits. A line
-of numbers is over the loads that its row names.
+a* = 1/2 and then pressed with friction, in the exact geometry; four arrays of 64 x 64, or of 32 x 32 where they are let go
+again. The part ``truth`` has what the directions of the lattice leave out. Brackets hold the standard error of the last
+digits. A line of numbers is over the loads that its row names.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import LEAST_CONTACT
-from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.history import REFINEMENT_TOLERANCE, LoadingHistory, PressedArray
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import equilibrate_in_truth
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.true_geometry import ExactGeometry
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
@@ -47,6 +48,8 @@ Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 PACKING = PACKINGS[True]
 ETA = PACKING.mindlin_ratio
+#: W/d
+RATIO = WIDTH / PACKING.diameter
 SHAPE, SAMPLES = (64, 64), 4
 #: of arrays that are let go again, or begin elsewhere
 SMALLER = (32, 32)
@@ -83,52 +86,57 @@ def deviations(seed: int, shape: tuple[int, int] = SHAPE) -> Array:
     return np.asarray(x - np.mean(x))
 
 
-@cache
-def history(mu: float, seed: int, shape: tuple[int, int] = SHAPE) -> LoadingHistory:
-    return LoadingHistory(deviations(seed, shape), Stencils(shape, ETA), mu)
+def press(
+    mu: float, seed: int, shape: tuple[int, int], tolerance: float = REFINEMENT_TOLERANCE, start: Prescribed | None = None,
+    exact: bool = True,
+) -> LoadingHistory:  # fmt: skip
+    """History of an array in its exact geometry, or in the directions of the lattice."""
+    x, stencils = deviations(seed, shape), Stencils(shape, ETA)
+    return LoadingHistory(x, stencils, mu, tolerance, start, geometry=ExactGeometry(stencils, x, RATIO) if exact else None)
+
+
+def follow(mu: float, seed: int, loads: Sequence[Prescribed], exact: bool) -> list[Equilibrium]:
+    """States under loads that grow; without friction each is found from the one before."""
+    x, bare, found = deviations(seed), Stencils(SHAPE), list[Equilibrium]()
+    if mu:
+        paths = press(mu, seed, SHAPE, exact=exact)
+        return [PressedEquilibrium.of(one, x, paths.stencils, paths.ratio).share(x, bare) for one in paths.path(loads)]
+    for load in loads:
+        start = found[-1] if found else None
+        found.append(equilibrate_in_truth(x, load, RATIO, bare, start) if exact else equilibrate(x, load, bare, start))
+    return found
 
 
 @cache
-def upwards(mu: float, seed: int) -> tuple[PressedArray, ...]:
+def upwards(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
     """States at :data:`SPACINGS` on a way up."""
-    return tuple(history(mu, seed).path(Prescribed(overlap=a - 0.5) for a in SPACINGS))
+    return tuple(follow(mu, seed, [Prescribed(overlap=a - 0.5) for a in SPACINGS], exact))
 
 
 @cache
 def cycle(mu: float, seed: int) -> tuple[PressedArray, ...]:
-    """States on the way up to :data:`TURN`, and back from there to the start."""
-    up = [a for a in SPACINGS if a <= TURN]
-    return tuple(history(mu, seed, SMALLER).path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5)))
+    """States at the start, on the way up to :data:`TURN`, and back from there to the start."""
+    up, paths = [a for a in SPACINGS if a <= TURN], press(mu, seed, SMALLER)
+    return paths.begin(), *paths.path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5))
 
 
 @cache
-def smooth(seed: int) -> tuple[Equilibrium, ...]:
-    """Equilibria without friction at :data:`SPACINGS`."""
-    found: list[Equilibrium] = []
-    for a in SPACINGS:
-        found.append(equilibrate(deviations(seed), Prescribed(overlap=a - 0.5), None, found[-1] if found else None))
-    return tuple(found)
+def by_force(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
+    """States under :data:`FORCES`."""
+    return tuple(follow(mu, seed, [Prescribed(force=f) for f in FORCES], exact))
+
+
+def find_moduli(state: Any, springs: str) -> tuple[float, float]:
+    """K and G, in units of c W^(1/2)/d."""
+    ratios = state.shear_ratios(springs) if isinstance(state, PressedEquilibrium) else ETA
+    bare = not isinstance(state, PressedEquilibrium | TrueEquilibrium)
+    return bulk_and_shear(elasticity(state, ratios) if bare else state.find_elasticity(ratios))
 
 
 @cache
-def by_force(mu: float, seed: int) -> tuple[Equilibrium, ...]:
-    """States under :data:`FORCES`; without friction they are those of the simulation without a history."""
-    x, loads, bare = deviations(seed), [Prescribed(force=f) for f in FORCES], Stencils(SHAPE)
-    if mu:
-        paths = history(mu, seed)
-        return tuple(PressedEquilibrium.of(state, x, paths.stencils, 0.0).share(x, bare) for state in paths.path(loads))
-    found: list[Equilibrium] = []
-    for load in loads:
-        found.append(equilibrate(x, load, bare, found[-1] if found else None))
-    return tuple(found)
-
-
-@cache
-def moduli(mu: float, seed: int, springs: str) -> Array:
+def moduli(mu: float, seed: int, springs: str, exact: bool = True) -> Array:
     """(loads, 2) K and G, in units of c W^(1/2)/d, at :data:`FORCES`."""
-    states = by_force(mu, seed)
-    ratios = [state.shear_ratios(springs) if isinstance(state, PressedEquilibrium) else ETA for state in states]
-    return np.array([bulk_and_shear(elasticity(*pair)) for pair in zip(states, ratios, strict=True)])
+    return np.array([find_moduli(state, springs) for state in by_force(mu, seed, exact)])
 
 
 def over_samples(found: list[Array]) -> tuple[Array, Array]:
@@ -160,13 +168,18 @@ def over(kind: str, loads: Sequence[float]) -> str:
 # -- force over spacing -------------------------------------------------------------------------------------------------
 
 
-@cache
-def rises(mu: float) -> tuple[Array, Array]:
-    """What friction adds to f* at :data:`SPACINGS`, as a part of it."""
+def forces_over(found: Callable[[int], Sequence[Any]], base: Callable[[int], Sequence[Any]]) -> tuple[Array, Array]:
+    """f* of some states over that of others, less 1, for each seed."""
     return over_samples([
-        np.array([one.force / other.force - 1.0 for one, other in zip(upwards(mu, seed), smooth(seed), strict=True)])
+        np.array([one.force / other.force - 1.0 for one, other in zip(found(seed), base(seed), strict=True)])
         for seed in range(SAMPLES)
     ])  # fmt: skip
+
+
+@cache
+def rises(mu: float, exact: bool = True) -> tuple[Array, Array]:
+    """What friction adds to f* at :data:`SPACINGS`, as a part of it."""
+    return forces_over(lambda seed: upwards(mu, seed, exact), lambda seed: upwards(0.0, seed, exact))
 
 
 def medium_rise(spacings: Sequence[float] | Array = SPACINGS) -> Array:
@@ -187,7 +200,7 @@ def carried(mu: float) -> tuple[Array, Array]:
 
 def force(repeats: int) -> list[Row]:
     """f*(a*) without friction, what friction adds to it, in arrays and in the medium, and the contacts that carry load."""
-    bare = over_samples([np.array([one.force for one in smooth(seed)]) for seed in range(SAMPLES)])
+    bare = over_samples([np.array([one.force for one in upwards(0.0, seed)]) for seed in range(SAMPLES)])
     rows = [row_of("f* without friction", "a", SPACINGS, bare)]
     for mu in FRICTIONS[1:]:
         rows.append(row_of(f"what friction adds to f*, {named(mu)}", "a", SPACINGS, rises(mu)))
@@ -254,7 +267,7 @@ def sliding_at(mu: float) -> dict[str, tuple[Array, Array]]:
         for way, other in zip(ways, free, strict=True)
     ]
     return {
-        SLIDING: of(lambda one: one.sliding_fraction),
+        SLIDING: of(lambda one: one.law.sliding_fraction(one.contacts)),
         TANGENTIAL: of(lambda one: np.mean(one.contacts.tangential) / one.force),
         "tangential force over that without sliding": over_samples(borne),
         "work lost by sliding": of(lambda one: one.slid / one.work),
@@ -283,7 +296,7 @@ def gaps(mu: float) -> tuple[Array, Array]:
     """f* on the way back over f* on the way up, less 1, at :data:`BETWEEN`."""
     found, count = [], len(BETWEEN)
     for seed in range(SAMPLES):
-        force = np.array([state.force for state in cycle(mu, seed)])
+        force = np.array([state.force for state in cycle(mu, seed)[1:]])
         found.append(force[2 * count : count : -1] / force[:count] - 1.0)
     return over_samples(found)
 
@@ -294,7 +307,7 @@ def losses(mu: float) -> tuple[Array, Array]:
     found = []
     for seed in range(SAMPLES):
         states = cycle(mu, seed)
-        top, end, begun = states[len(BETWEEN)], states[-1], history(mu, seed, SMALLER).begin()
+        begun, top, end = states[0], states[len(BETWEEN) + 1], states[-1]
         found.append(np.array([end.dissipated / top.work, end.slid / end.dissipated, end.force / begun.force]))
     return over_samples(found)
 
@@ -322,9 +335,9 @@ def starts(repeats: int) -> list[Row]:
     for mu in (0.2, math.inf):
         found = []
         for seed in range(SAMPLES):
-            x, forces = deviations(seed, SMALLER), []
+            forces = []
             for a in STARTS:
-                paths = LoadingHistory(x, Stencils(SMALLER, ETA), mu, start=equilibrate(x, Prescribed(overlap=a - 0.5)))
+                paths = press(mu, seed, SMALLER, start=Prescribed(overlap=a - 0.5))
                 way = [b for b in SPACINGS if b > a]
                 states = zip(way, paths.path(Prescribed(overlap=b - 0.5) for b in way), strict=True)
                 forces.append([state.force for b, state in states if b in COMPARED])
@@ -347,7 +360,7 @@ def squeezed(repeats: int) -> list[Row]:
     for name, start in SQUEEZED:
         balls, reached = packing(shapes()[name], 0.0, "hcp"), []
         for seed in range(SAMPLES):
-            given: Any = {"friction_history": True, "friction_coefficient": 0.1, "start": start}
+            given: Any = {"friction_history": True, "friction_coefficient": 0.1, "start": start, "geometry": "exact"}
             with contextlib.suppress(ConvergenceError):
                 gp.DirectSimulation(balls, CELLS, seed, **given).at_force(0.1 * unit(balls))
                 reached.append(seed)
@@ -366,10 +379,10 @@ TOLERANCES, FINE = (1e-4, 1e-5), 1e-6
 
 def reach(mu: float, seed: int, force: float, tolerance: float) -> tuple[Array, int]:
     """(springs, 2) velocities v_L and v_T, up to a factor, at a load reached in one go, and the number of steps."""
-    x, stencils = deviations(seed, SMALLER), Stencils(SMALLER, ETA)
-    (state,) = LoadingHistory(x, stencils, mu, tolerance).path([Prescribed(force=force)])
-    pressed = PressedEquilibrium.of(state, x, stencils, 0.0).share(x, Stencils(SMALLER))
-    found = np.array([bulk_and_shear(elasticity(pressed, pressed.shear_ratios(springs))) for springs in SPRINGS])
+    paths = press(mu, seed, SMALLER, tolerance)
+    (state,) = paths.path([Prescribed(force=force)])
+    pressed = PressedEquilibrium.of(state, paths.deviations, paths.stencils, paths.ratio)
+    found = np.array([find_moduli(pressed.share(paths.deviations, Stencils(SMALLER)), springs) for springs in SPRINGS])
     return np.sqrt(np.column_stack([np.sum(found, axis=1), found[:, 1]])), state.steps
 
 
@@ -401,32 +414,37 @@ def steps(repeats: int) -> list[Row]:
 
 # -- the true geometry --------------------------------------------------------------------------------------------------
 
-#: f* up to where both geometries have the same; friction coefficients, zero being statics without friction
-LOW_FORCES, TRUE_FRICTIONS = FORCES[:5], (0.0, 0.2, math.inf)
+#: friction coefficients of the moduli that are compared, zero being statics without friction
+TRUE_FRICTIONS = (0.0, 0.2, math.inf)
 
 
-@cache
-def true_moduli(mu: float, geometry: str) -> Array:
-    """(samples, loads, 2) K and G of arrays of the size :data:`SMALLER`, Pa; contacts that slide resist sound."""
-    given: dict[str, Any] = {"friction_history": True, "friction_coefficient": mu, "shear_response": "stick"} if mu else {}
-    simulation = gp.DirectSimulation(PACKING, SMALLER, samples=SAMPLES, geometry=geometry, **given)
-    state = simulation.at_force(np.array(LOW_FORCES) * UNIT)
-    return np.moveaxis(state.over_samples(lambda sample: np.array(bulk_and_shear(sample.elastic_tensor))), 1, 0)
+def apart(one: Any, other: Any) -> float:
+    """Rms difference of the contact forces of two states, of both components, over the mean force."""
+    squares = (one.forces - other.forces) ** 2
+    if isinstance(one, PressedEquilibrium):
+        squares = np.append(squares, (one.shears - other.shears) ** 2)
+    return math.sqrt(float(np.sum(squares)) / one.forces.size) / one.force
 
 
 def truth(repeats: int) -> list[Row]:
-    """G/K in the directions of the lattice and in true ones, with a history and without; what the former leave out."""
+    """What the directions of the lattice leave out of forces, sliding and moduli, with a history and without."""
     rows = []
+    for mu in FRICTIONS:
+        left = forces_over(lambda seed, mu=mu: upwards(mu, seed, False), lambda seed, mu=mu: upwards(mu, seed))
+        rows.append(row_of(f"f* on the lattice over that in true directions, less 1, {named(mu)}", "a", SPACINGS, left))
+        pairs = [list(zip(upwards(mu, seed), upwards(mu, seed, False), strict=True)) for seed in range(SAMPLES)]
+        far = over_samples([np.array([apart(*pair) for pair in way]) for way in pairs])
+        rows.append(row_of(f"rms difference of single contact forces, {named(mu)}", "a", SPACINGS, far))
+        if mu:
+            rows.append(row_of(f"what friction adds to f* on the lattice, {named(mu)}", "a", SPACINGS, rises(mu, False)))
     for mu in TRUE_FRICTIONS:
-        found = {geometry: true_moduli(mu, geometry) for geometry in ("lattice", "exact")}
-        for geometry, m in found.items():
+        found = {exact: np.array([moduli(mu, seed, "stick", exact) for seed in range(SAMPLES)]) for exact in (False, True)}
+        for exact, m in found.items():
             ratio = over_samples(list(2.0 * m[..., 1] / m[..., 0] / (1.0 + ETA)))
-            rows.append(row_of(f"2G/(1 + eta)K, {named(mu)}, {geometry} geometry", "f", LOW_FORCES, ratio))
+            rows.append(row_of(f"2G/(1 + eta)K, {named(mu)}, {'exact' if exact else 'lattice'}", "f", FORCES, ratio))
         for place, name in enumerate("KG"):
-            missing = over_samples(list(1.0 - found["lattice"][..., place] / found["exact"][..., place]))
-            rows.append(
-                row_of(f"part of {name} that the lattice's directions leave out, {named(mu)}", "f", LOW_FORCES, missing)
-            )
+            missing = over_samples(list(1.0 - found[False][..., place] / found[True][..., place]))
+            rows.append(row_of(f"part of {name} that the lattice's directions leave out, {named(mu)}", "f", FORCES, missing))
     return rows
 
 
@@ -535,10 +553,10 @@ def widths(repeats: int) -> list[Row]:
 
 def energy(repeats: int) -> list[Row]:
     """Integral of f* over the overlap, less what contacts store and lose, over it, by the number of steps to a* = 1."""
-    rows, x = [], deviations(0, SMALLER)
+    rows = []
     for mu in (0.2, math.inf):
         for steps in (5, 10, 20, 40):
-            paths = LoadingHistory(x, Stencils(x.shape, ETA), mu, math.inf)
+            paths = press(mu, 0, SMALLER, math.inf)
             spacings = np.linspace(0.5, 1.0, steps + 1)[1:]
             states = [paths.begin(), *paths.path(Prescribed(overlap=float(a) - 0.5) for a in spacings)]
             last = states[-1]
