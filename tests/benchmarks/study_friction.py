@@ -50,8 +50,10 @@ PACKING = PACKINGS[True]
 ETA = PACKING.mindlin_ratio
 #: W/d
 RATIO = WIDTH / PACKING.diameter
-#: of the steps; with the default of 1e-4 up to a tenth more contacts slide at the end of a step
+#: of the steps; with the default of 1e-4 up to a fifth more contacts slide at the end of a step
 TOLERANCE = 1e-5
+#: of cycles: with shorter steps one array with mu = 0.1 does not come to rest on the way back, near the start
+CYCLE_TOLERANCE = 1e-4
 SHAPE, SAMPLES = (64, 64), 4
 #: of arrays that are let go again, or begin elsewhere
 SMALLER = (32, 32)
@@ -118,7 +120,7 @@ def upwards(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
 @cache
 def cycle(mu: float, seed: int) -> tuple[PressedArray, ...]:
     """States at the start, on the way up to :data:`TURN`, and back from there to the start."""
-    up, paths = [a for a in SPACINGS if a <= TURN], press(mu, seed, SMALLER)
+    up, paths = [a for a in SPACINGS if a <= TURN], press(mu, seed, SMALLER, CYCLE_TOLERANCE)
     return paths.begin(), *paths.path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5))
 
 
