@@ -52,8 +52,8 @@ ETA = PACKING.mindlin_ratio
 RATIO = WIDTH / PACKING.diameter
 #: of the steps; with the default of 1e-4 up to a fifth more contacts slide at the end of a step
 TOLERANCE = 1e-5
-#: of the steps of cycles; and the number of arrays with mu = 0.1: the fourth takes too long on the way back to the start
-CYCLE_TOLERANCE, FEW_CYCLES = 1e-4, 3
+#: of the steps of cycles
+CYCLE_TOLERANCE = 1e-4
 SHAPE, SAMPLES = (64, 64), 4
 #: of arrays that are let go again, or begin elsewhere
 SMALLER = (32, 32)
@@ -61,7 +61,7 @@ SMALLER = (32, 32)
 FRICTIONS = (0.0, 0.1, 0.2, 0.5, math.inf)
 #: reduced spacings of a path up, from the start at a* = 1/2
 SPACINGS = (0.525, 0.55, 0.575, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 1.0, 1.25, 1.5)
-#: where a path turns, to come back to the start
+#: where a path turns, to come back
 TURN = 1.0
 #: f* of a path up: from 0.08 to 0.9, the range of Gilles and Coste, and beyond
 FORCES = (0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.5, 3.0)
@@ -119,9 +119,9 @@ def upwards(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
 
 @cache
 def cycle(mu: float, seed: int) -> tuple[PressedArray, ...]:
-    """States at the start, on the way up to :data:`TURN`, and back from there to the start."""
+    """States on the way up to :data:`TURN`, and back to the first load: not all arrays come to rest on from there."""
     up, paths = [a for a in SPACINGS if a <= TURN], press(mu, seed, SMALLER, CYCLE_TOLERANCE)
-    return paths.begin(), *paths.path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5))
+    return tuple(paths.path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1])))
 
 
 @cache
@@ -295,38 +295,33 @@ def sliding(repeats: int) -> list[Row]:
 BETWEEN = tuple(a for a in SPACINGS if a < TURN)
 
 
-def cycles(mu: float) -> range:
-    """Seeds of arrays that go through a cycle."""
-    return range(FEW_CYCLES if mu == FRICTIONS[1] else SAMPLES)
-
-
 @cache
 def gaps(mu: float) -> tuple[Array, Array]:
     """f* on the way back over f* on the way up, less 1, at :data:`BETWEEN`."""
     found, count = [], len(BETWEEN)
-    for seed in cycles(mu):
-        force = np.array([state.force for state in cycle(mu, seed)[1:]])
-        found.append(force[2 * count : count : -1] / force[:count] - 1.0)
+    for seed in range(SAMPLES):
+        force = np.array([state.force for state in cycle(mu, seed)])
+        found.append(force[:count:-1] / force[:count] - 1.0)
     return over_samples(found)
 
 
 @cache
 def losses(mu: float) -> tuple[Array, Array]:
-    """Work that a cycle loses over that on the way up, the part of it lost by sliding, and f* at its end over its start."""
+    """Work that a cycle loses over that on the way up, and the part of it lost by sliding."""
     found = []
-    for seed in cycles(mu):
+    for seed in range(SAMPLES):
         states = cycle(mu, seed)
-        begun, top, end = states[0], states[len(BETWEEN) + 1], states[-1]
-        found.append(np.array([end.dissipated / top.work, end.slid / end.dissipated, end.force / begun.force]))
+        top, end = states[len(BETWEEN)], states[-1]
+        found.append(np.array([end.dissipated / top.work, end.slid / end.dissipated]))
     return over_samples(found)
 
 
 def hysteresis(repeats: int) -> list[Row]:
-    """f* on the way back over f* on the way up; the work that a cycle loses; what is left at the start."""
+    """f* on the way back over f* on the way up; the work that a cycle loses."""
     rows = []
     for mu in FRICTIONS[1:]:
         rows.append(row_of(f"f* on the way back over that on the way up, less 1, {named(mu)}", "a", BETWEEN, gaps(mu)))
-        names = "work lost in a cycle, of that on the way up", "part of it lost by sliding", "f* at the end over the start"
+        names = "work lost in a cycle, of that on the way up", "part of it lost by sliding"
         for name, value, error in zip(names, *losses(mu), strict=True):
             rows.append(Row(f"{name}, {named(mu)}", float(value), note=with_error(value, error)))
     return rows
