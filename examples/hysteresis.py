@@ -22,7 +22,7 @@ import granphon as gp
 from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION
 
 packing = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml")).packing
-balls = {"shape": (24, 24), "seed": 0, "samples": 3}
+balls = {"shape": (24, 24), "seed": 0, "samples": 3, "geometry": "exact"}
 up = np.array([0.55, 0.6, 0.65, 0.7, 0.8, 0.9])
 spacing = np.concatenate([up, up[-2::-1], up[1:]])  # a*, there and back and there again
 overlap = (spacing - 0.5) * packing.width

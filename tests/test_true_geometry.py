@@ -723,6 +723,24 @@ def test_after_a_history_more_is_left_out(steel):
     assert np.all(np.abs(np.log(expected / (1.0 - shears[0] / shears[1]))) < math.log(1.8))
 
 
+@pytest.mark.claim("friction-directions")
+@pytest.mark.exhaustive
+def test_a_history_on_the_lattice_lacks_a_part_of_what_friction_adds(steel):
+    """At a* = 0.6 and 0.65: loose balls lean on others at the start, and bear tangential forces later."""
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    overlap = np.array([0.1, 0.15]) * packing.width
+    given = {"friction_history": True, "friction_coefficient": 0.2}
+    added = {}
+    for geometry in ("lattice", "exact"):
+        smooth, pressed = (
+            gp.DirectSimulation(packing, (32, 32), samples=2, geometry=geometry, **more).at_overlap(overlap).force
+            for more in ({}, given)
+        )
+        added[geometry] = pressed / smooth - 1.0
+    assert np.all(added["lattice"] < 0.95 * added["exact"])
+    assert np.all(added["lattice"] > 0.85 * added["exact"])
+
+
 @pytest.mark.exhaustive
 def test_a_scene_warns_where_the_limit_is_not_good_enough(tmp_path):
     for overlap, geometry, warned in (("0", "lattice", True), ("0.2", "lattice", False), ("0", "exact", False)):
