@@ -1,7 +1,8 @@
 """An array of balls in LAMMPS, pressed with friction: a twin of ``granphon.array.history`` that shares no code with it.
 
 Balls are at true positions in a periodic box of the triangular lattice. The box is strained little by little while viscous
-drag keeps the balls near rest, and then held until they are. LAMMPS' law of slip is the incremental one that is rescaled
+drag keeps the balls near rest, and then held until they are. The balls begin at given places, or come to rest without
+friction by themselves: from the sites of the lattice, by FIRE. LAMMPS' law of slip is the incremental one that is rescaled
 when a contact is unloaded (``mindlin_rescale/force``), with Coulomb's limit.
 
 Lengths are in mean diameters, forces in units of c W^(3/2), stiffnesses and masses in those of c W^(1/2)/d.
@@ -27,15 +28,17 @@ DRAG, RAMP, BETWEEN, MOST = 0.3, 2000, 500, 20
 
 
 class PressedTwin:
-    """Balls with deviations ``x`` (L1, L2), in units of W, at the places that they have in the ``state``.
+    """Balls with deviations ``x`` (L1, L2), in units of W, at the places that they have in the state ``start``.
 
-    ``width`` is W over the diameter.
+    If that is an overlap, LAMMPS finds their rest without friction at it. ``width`` is W over the diameter.
     """
 
     def __init__(
-        self, x: Array, stencils: Stencils, friction_coefficient: float, state: PressedArray, width: float = WIDTH
+        self, x: Array, stencils: Stencils, friction_coefficient: float, start: PressedArray | float, width: float = WIDTH
     ) -> None:
-        self.stencils, self.shape, self.overlap, self.width = stencils, x.shape, state.overlap, width
+        given = isinstance(start, PressedArray)
+        self.stencils, self.shape, self.width = stencils, x.shape, width
+        self.overlap = start.overlap if given else start
         self.diameters = 1.0 + width * x.ravel()
         self.number = np.arange(x.size).reshape(x.shape)
         self.kinds = {
@@ -46,16 +49,23 @@ class PressedTwin:
             )
         }
         self.lmp = packings.start()
-        self._fill(stencils.displacements(state.balls))
+        self._fill(stencils.displacements(start.balls) if given else np.zeros((2, *self.shape)))
         strength = 2.0 / width**1.5  # f = (overlap/W)^(3/2), as the reduced radius is 1/4
         shear, limit = 1.5 * stencils.mindlin_ratio * strength, min(friction_coefficient, 1e30)
         drag = DRAG / width
+        self.lmp.commands_string("""
+            neighbor 0.2 bin
+            timestep 0.1
+            thermo 1000000""")
+        if not given:  # drag does not bring loose balls to rest
+            self.lmp.commands_string(f"""
+                pair_style granular
+                pair_coeff * * hertz {strength!r} 0 tangential linear_nohistory 0 0 damping velocity
+                min_style fire
+                minimize 0 1e-9 100000 200000""")
         self.lmp.commands_string(f"""
             pair_style granular
             pair_coeff * * hertz {strength!r} 0 tangential mindlin_rescale/force {shear!r} 0 {limit!r} damping velocity
-            neighbor 0.2 bin
-            timestep 0.1
-            thermo 1000000
             compute ids all property/local patom1 patom2 cutoff radius
             compute pair all pair/local dist p1 p2 cutoff radius
             fix move all nve/sphere disc

@@ -85,3 +85,26 @@ def test_forces_in_the_exact_geometry_are_those_of_lammps():
     exact, lattice = (differences(*path, width, exact=one) for one in (True, False))
     assert np.all(exact < 3e-4)
     assert np.all(lattice > 3.0 * exact)
+
+
+@pytest.mark.claim("friction-lammps")
+@pytest.mark.exhaustive
+def test_the_mean_force_is_that_of_lammps_from_a_start_of_its_own():
+    """Loose balls lie elsewhere, and single forces differ by percents; the mean force tells wrong directions even so."""
+    shape, width, mu = (16, 16), 1e-2, 0.2
+    x = gp.Uniform(1.0).sample(shape, 0)
+    x -= np.mean(x)
+    stencils = Stencils(shape, ETA)
+    try:
+        twin = PressedTwin(x, stencils, mu, 0.0, width)
+    except (ImportError, OSError) as error:
+        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    loads = [*np.linspace(0.0, 0.5, 7)[1:].tolist(), *np.linspace(0.5, 0.1, 7)[1:].tolist()]
+    found = [twin.press(load)[0].mean() for load in loads]
+    twin.close()
+    errors = []
+    for geometry in (ExactGeometry(stencils, x, width), None):
+        history = LoadingHistory(x, stencils, mu, math.inf, geometry=geometry)
+        forces = [state.force for state in history.path(Prescribed(overlap=load) for load in loads)]
+        errors.append(np.max(np.abs(np.array(forces) / found - 1.0)))
+    assert errors[0] < 1e-3 < 2e-3 < errors[1]

@@ -311,9 +311,10 @@ class PressedSample(Sample):
     def normal_stiffness(self) -> float:
         """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
 
-        It is the derivative of f on a way up where no contact slides and none that bears T opens. Where the normal force of
-        a contact falls, T falls in proportion to k, which is no linear response: on a way down the derivative differs by
-        some thousandths.
+        It is the derivative of f on a way up where no contact slides and none that bears T opens, just after a turn too.
+        Where the normal force of a contact falls, T falls in proportion to k, which is no linear response: as a way down
+        goes on, the derivative is larger by some thousandths; so it is by about a hundredth as a way up goes on on which
+        contacts slide.
         """
         return self._average_stiffness(self.elastic_tensor)
 

@@ -120,7 +120,8 @@ class SimulatedState(SampledWaves):
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
     have the same overlap, and forces are averaged. In both cases ``normal_stiffness`` is the exact derivative of the mean
-    force with respect to the mean overlap.
+    force with respect to the mean overlap; after a history with friction, that of the linear response, from which the
+    derivative along the path differs (:attr:`PressedSample.normal_stiffness`).
 
     Attributes
     ----------
