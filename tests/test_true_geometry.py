@@ -30,8 +30,8 @@ from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.dynamics.long_waves import voigt_pairs
-from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.equilibria import find_equilibria, find_equilibrium
+from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.simulation import SampleLaw, SimulatedState
 from granphon.observables.catalogue import CATALOGUE
 
