@@ -546,7 +546,8 @@ def test_the_documentation_has_the_errors_of_the_table(lattice):
     for (truth, name), line in zip(rows, lines, strict=True):
         told = [float(cell) for cell in line.split("|")[3:-1]]
         own, known = (
-            expect_shear_deficit(packing, forces, truth.is_loaded, ratio) for ratio in (None, accuracy().ratio(packing, truth))
+            expect_shear_deficit(packing, forces, truth.is_loaded, ratio)
+            for ratio in (None, accuracy().ratio(packing, truth))
         )
         expected = accuracy().error(name, packing, forces, truth=truth) + 0.5 * np.abs(own - known)
         assert_allclose(told, 100.0 * expected, rtol=0.05, atol=0.0051)

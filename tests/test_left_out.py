@@ -169,3 +169,13 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
         float(expected_error(MediumChoice("ema"), narrow(r), Load("force", 0.01 * unit(narrow(r))))) for r in (1e-3, 1e-9)
     )
     assert wide > fine + 0.04
+
+
+@pytest.mark.parametrize(("geometry", "told"), [(LATTICE, True), (EXACT, False), (None, False)])
+def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_numbering(geometry, told):
+    given = {**HISTORY, "start": "gas", "step_tolerance": 1.0, "geometry": geometry}
+    state = gp.DirectSimulation(REAL, (4, 4), **given).at_force(unit(REAL))
+    warnings = [text for text in gp.validity(state).warnings if "numbering" in text]
+    assert len(warnings) == told
+    if told:
+        assert warnings[0].startswith("Velocities depend on the numbering of the balls, by some 4 %: loose balls float")

@@ -290,6 +290,11 @@ class LoadedBalls(SampledBalls):
         ]
 
     @property
+    def floats(self) -> bool:
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        return self.loading is not None and self.loading.start == GAS and not self.ratio
+
+    @property
     def resists_slip(self) -> bool:
         """Whether contacts have springs against slip under sound: not where all of them slide, as mu is zero."""
         all_slide = self.friction_coefficient == 0.0 and self.shear_response != "stick"
