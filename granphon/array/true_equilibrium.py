@@ -277,7 +277,7 @@ class _Path:
             message(
                 f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
                 f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
-                "Raise the load, or take fewer balls",
+                "Raise the load, take fewer balls, or the directions of the lattice (geometry: lattice)",
             )
         )
 
