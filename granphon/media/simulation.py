@@ -353,7 +353,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         """Return the state at loads of which each has its own geometry."""
         self.require(load)
         groups = self.by_geometry(load, finite_overlap)
-        if len(groups) == 1:
+        if finite_overlap is not None:  # one geometry at all loads
             return groups[0][0].at(load, finite_overlap=finite_overlap)
         samples: list[list[Any]] = [[]] * load.size
         for one, places in groups:
