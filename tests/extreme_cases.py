@@ -576,7 +576,7 @@ def equal_cells() -> float:
     worst = 0.0
     for cell, friction in itertools.product(CELLS, (True, False)):
         packing = gp.Packing(STEEL, D, friction=friction)
-        state = gp.DirectSimulation(packing, cell).at_force(18.0)
+        state = gp.DirectSimulation(packing, cell, geometry="lattice").at_force(18.0)
         exact = gp.AveragedLattice(packing).at_force(18.0)
         found, ideal = gp.moduli(state), gp.moduli(exact)
         pairs = [(state.overlap, exact.overlap), (state.normal_stiffness, exact.normal_stiffness)]
@@ -609,7 +609,7 @@ def disordered_cells() -> float:
         for part in (1e22, 1e11, 1e3, 1.0, 1e-2, 1e-4, 1e-6):
             # near the threshold large cells take many steps: see below
             if part ** (2.0 / 3.0) * width < 0.5 and (part > 1e-3 or math.prod(cell) < 500):
-                state = gp.DirectSimulation(packing, cell, seed=3).at_force(part * unit)
+                state = gp.DirectSimulation(packing, cell, seed=3, geometry="lattice").at_force(part * unit)
                 worst = max(worst, balance(state.sample, spread.sample(cell, 3), part * unit))
     return worst
 
@@ -633,7 +633,10 @@ def skewed_samples() -> float:
     cells: list[Any] = [((31, 29), STEEL, (1e3, 1.0, 1e-2, 1e-3)), ((29, 31), None, (1.0,)), ((29, 31), AUXETIC, (1.0,))]
     for spread, (cell, material, parts) in itertools.product([*spreads, *TAILS], cells):
         packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
-        simulation, unit = gp.DirectSimulation(packing, cell, seed=3), float(packing.law.force(packing.width))
+        simulation, unit = (
+            gp.DirectSimulation(packing, cell, seed=3, geometry="lattice"),
+            float(packing.law.force(packing.width)),
+        )
         array = SparseArray(simulation.deviations(0))
         for part in parts:
             if part ** (2.0 / 3.0) * packing.width < 0.5 * D:
@@ -647,7 +650,7 @@ def samples_near_the_threshold() -> float:
     packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
     # a sample has its own threshold: these hold at their a*, 32 x 32 balls of seed 3 do not at 0.345
     for cell, seed, height in (((32, 32), 2, 0.345), ((32, 32), 3, 0.35), ((61, 37), 2, 0.345), ((61, 37), 2, 0.35)):
-        simulation = gp.DirectSimulation(packing, cell, seed=seed)
+        simulation = gp.DirectSimulation(packing, cell, seed=seed, geometry="lattice")
         state = simulation.at_overlap((height - 0.5) * packing.width)
         array = SparseArray(simulation.deviations(0))
         worst = max(worst, against_sparse(state, array.forces(height - 0.5), array))
@@ -657,7 +660,9 @@ def samples_near_the_threshold() -> float:
 def large_samples_near_the_threshold() -> float:
     """What the displacements alone leave on a ball; forces in balance are unique, as the energy is convex."""
     packing, cell = gp.Packing(STEEL, D, gp.Uniform(2e-6)), (64, 64)
-    state = gp.DirectSimulation(packing, cell, seed=0).at_overlap((np.array([0.35, 0.345]) - 0.5) * packing.width)
+    state = gp.DirectSimulation(packing, cell, seed=0, geometry="lattice").at_overlap(
+        (np.array([0.35, 0.345]) - 0.5) * packing.width
+    )
     samples = zip(state.sample.tolist(), state.force.tolist(), strict=True)
     return max(balance(sample, packing.spread.sample(cell, 0), force) for sample, force in samples)
 
@@ -695,7 +700,9 @@ def bulk_moduli() -> float:
     for cell in CELLS:
         packing = gp.Packing(STEEL, D, gp.Uniform(1e-8 * D), friction=False)
         for part in (1e11, 1e6, 10.0, 0.1, 1e-2):
-            state = gp.DirectSimulation(packing, cell, seed=5).at_force(part * float(packing.law.force(packing.width)))
+            state = gp.DirectSimulation(packing, cell, seed=5, geometry="lattice").at_force(
+                part * float(packing.law.force(packing.width))
+            )
             worst = max(worst, off(gp.moduli(state).bulk, mpmath.sqrt(3) / 2 * mpf(state.normal_stiffness) / mpf(D)))
     return worst
 

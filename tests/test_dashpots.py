@@ -116,7 +116,8 @@ def test_dashpots_give_up_where_nothing_falls_or_a_fall_has_no_end():
 @pytest.mark.claim("friction-falls")
 def test_a_ball_that_is_wedged_between_others_does_not_end_a_path():
     packing = gp.Packing(gp.Material(210e9, 0.3, 7800.0), 8e-3, spread=gp.Normal(1e-6), lattice="fcc")
-    simulation = gp.DirectSimulation(packing, (10, 10, 10), 1, friction_history=True, friction_coefficient=0.5)
+    history = {"friction_history": True, "friction_coefficient": 0.5, "geometry": "lattice"}
+    simulation = gp.DirectSimulation(packing, (10, 10, 10), 1, **history)
     begun, pressed = (one.equilibrium for one in simulation.path(overlap=[0.0, packing.width / 16.0]).samples)
     assert pressed.residual <= 1e-9
     assert pressed.damped > 1e-5 * pressed.work
