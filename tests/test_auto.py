@@ -496,13 +496,17 @@ def test_the_options_of_a_history_are_read_from_the_truth(rough):
 
 
 @pytest.mark.parametrize(
-    ("lattice", "shape", "place"),
-    [("triangular", (16, 16), 0.05), pytest.param("fcc", (8, 8, 8), 0.06, marks=pytest.mark.exhaustive)],
+    ("lattice", "shape", "place", "response"),
+    [
+        ("triangular", (16, 16), 0.05, "stick"),
+        pytest.param("fcc", (8, 8, 8), 0.06, "slide", marks=pytest.mark.exhaustive),
+    ],
 )
-def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice, shape, place):
+def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice, shape, place, response):
     packing = replace(rough, lattice=lattice)
-    state = gp.AutoMedium(packing, 0.1, friction_history=True, friction_coefficient=0.2).at_force(place * unit)
-    own = {"shape": shape, "friction_history": True, "friction_coefficient": 0.2}
+    history = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": response}
+    state = gp.AutoMedium(packing, 0.1, **history).at_force(place * unit)
+    own = {"shape": shape, **history}
     alone = gp.DirectSimulation(packing, **own).at_force(place * unit)
     assert state.chosen
     assert state.valid

@@ -630,7 +630,7 @@ def test_the_width_of_simulated_samples(sampled, branch, frequency):
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, False)
     data = waves.velocity(sampled)[0]
     fit = fit_width(BALLS, FORCE, data, medium=SAMPLES, branch=branch, frequency=frequency)
-    assert fit.medium == "simulation(geometry=lattice, seed=1, shape=32 32)"
+    assert fit.medium == "simulation(geometry=exact, seed=1, shape=32 32)"
     assert_allclose(fit.width, WIDTH, rtol=3e-3)
     # about what samples of this size differ by
     assert np.max(np.abs(fit.residuals / data)) < 1.5e-3

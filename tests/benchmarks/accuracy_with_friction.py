@@ -5,10 +5,11 @@
 It goes with ``accuracy.py``, and measures the same errors of the same media, on the lattices of :data:`SCOPES`. The truth
 is another: ``gp.DirectSimulation(..., friction_history=True)``, loaded with some friction coefficient from rest without
 friction at a* = 1/2, with one of the three responses to sound. On the triangular lattice its contacts have their true
-directions, at one W/d, and media the terms of finite overlap that go with them. Besides the media there is the simulation of the same samples at rest
-without friction: its error is what the friction in the statics does. Without an option the script measures the
-errors again (``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases that were held back
-(``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution in a folder, to go on from there.
+directions, at one W/d, and media the terms of finite overlap that go with them. Besides the media there is the simulation
+of the same samples at rest without friction: its error is what the friction in the statics does. Without an option the
+script measures the errors again (``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases
+that were held back (``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution in a folder,
+to go on from there.
 """
 
 from __future__ import annotations
