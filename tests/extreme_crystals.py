@@ -264,7 +264,8 @@ def equal_samples() -> float:
     worst = 0.0
     for (lattice, cell), friction in itertools.product(cells(), (True, False)):
         packing = gp.Packing(STEEL, D, lattice=lattice, friction=friction)
-        state, exact = (one.at_force(18.0) for one in (gp.DirectSimulation(packing, cell), gp.AveragedLattice(packing)))
+        media = gp.DirectSimulation(packing, cell, geometry="lattice"), gp.AveragedLattice(packing)
+        state, exact = (one.at_force(18.0) for one in media)
         worst = max(worst, off(state.overlap, exact.overlap), off(state.normal_stiffness, exact.normal_stiffness))
         tensor = exact.elastic_tensor
         worst = max(worst, float(np.max(np.abs(state.elastic_tensor - tensor)) / np.max(tensor)))
@@ -308,7 +309,7 @@ def disordered_samples() -> float:
         for part in (1e22, 1e3, 1.0, 1e-2, 1e-4):
             # displacements on a line add up, and their rounding is that of a random walk
             if part ** (2.0 / 3.0) * width < 0.5 and (part > 1e-3 or math.prod(cell) < 50):
-                state = gp.DirectSimulation(packing, cell, seed=3).at_force(part * unit)
+                state = gp.DirectSimulation(packing, cell, seed=3, geometry="lattice").at_force(part * unit)
                 worst = max(worst, balance(state.sample, part * unit))
     return worst
 
@@ -335,7 +336,7 @@ def sampled_bulk_moduli() -> float:
     for lattice, cell in (one for one in cells() if one[0] != "chain"):
         packing = gp.Packing(STEEL, D, gp.Uniform(1e-8 * D), lattice=lattice, friction=False)
         unit = float(packing.law.force(packing.width))
-        state = gp.DirectSimulation(packing, cell, seed=3).at_force(unit * np.array([1e-1, 1.0, 1e6]))
+        state = gp.DirectSimulation(packing, cell, seed=3, geometry="lattice").at_force(unit * np.array([1e-1, 1.0, 1e6]))
         factor = packing.structure.pressure_factor / 3.0 / D
         bulk = np.sum(state.elastic_tensor[:, :3, :3], axis=(1, 2)) / 9.0
         worst = max(worst, *np.abs(bulk / (factor * state.normal_stiffness) - 1.0).tolist())
@@ -348,7 +349,7 @@ def samples_near_the_threshold() -> float:
     for lattice, cell in (("fcc", (8, 8, 8)), ("hcp", (5, 6, 4)), ("fcc", (1, 3, 40))):
         packing = gp.Packing(STEEL, D, gp.Uniform(2e-6), lattice=lattice)
         unit = float(packing.law.force(packing.width))
-        state = gp.DirectSimulation(packing, cell, seed=1).at_force(unit * np.array([1.0, 1e-2, 2e-3]))
+        state = gp.DirectSimulation(packing, cell, seed=1, geometry="lattice").at_force(unit * np.array([1.0, 1e-2, 2e-3]))
         for sample in state.sample.tolist():
             rest = sample.equilibrium
             array = SparseArray(rest.deviations, packing.structure)

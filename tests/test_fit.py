@@ -615,12 +615,12 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
 
 # -- simulations ----------------------------------------------------------------------------------------------------
 
-SAMPLES = {"simulation": {"shape": (32, 32), "seed": 1}}
+SAMPLES = {"simulation": {"shape": (32, 32), "seed": 1, "geometry": "lattice"}}
 
 
 @pytest.fixture(scope="module")
 def sampled():
-    return gp.DirectSimulation(TRUE, (32, 32), seed=1).at_force(FORCE)
+    return gp.DirectSimulation(TRUE, (32, 32), seed=1, geometry="lattice").at_force(FORCE)
 
 
 @pytest.mark.exhaustive
@@ -630,7 +630,7 @@ def test_the_width_of_simulated_samples(sampled, branch, frequency):
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, False)
     data = waves.velocity(sampled)[0]
     fit = fit_width(BALLS, FORCE, data, medium=SAMPLES, branch=branch, frequency=frequency)
-    assert fit.medium == "simulation(geometry=exact, seed=1, shape=32 32)"
+    assert fit.medium == "simulation(geometry=lattice, seed=1, shape=32 32)"
     assert_allclose(fit.width, WIDTH, rtol=3e-3)
     # about what samples of this size differ by
     assert np.max(np.abs(fit.residuals / data)) < 1.5e-3
