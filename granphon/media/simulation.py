@@ -285,7 +285,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     friction_coefficient : mu of the contacts, zero to infinity; a history needs it.
     geometry : "exact", directions, lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and
         boundary included); or "lattice": contacts keep the directions of the lattice, the limit of small spread, which is
-        faster, and the default; or None: a history of friction is then exact, and without one the geometry is that of the
+        faster; or None, the default: a history of friction is then exact, and without one the geometry is that of the
         lattice if its directions are expected to leave out less than 1e-3 of the shear modulus, at each load, else exact.
         Equal balls, and those that differ by more than a fifth of their diameter, have the directions of the lattice.
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as

@@ -267,9 +267,9 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:
     """Return the warnings that a simulation will have at the values of an applied load, as far as known before it is run."""
-    deficit = find_left_out(expect_shear_deficit(simulation.packing, load, simulation.friction_history), simulation.geometry)
     if not simulation.resists_slip:
         return ()
+    deficit = find_left_out(expect_shear_deficit(simulation.packing, load, simulation.friction_history), simulation.geometry)
     limit, meaning, reason = _LIMITS["shear"]
     warning = Check("shear", meaning, deficit, limit, reason).warning
     return () if warning is None else (warning,)

@@ -164,10 +164,10 @@ class WaveOperator(LinearOperator[np.float64]):
 
     @cached_property
     def slack(self) -> float:
-        """Squared frequency, (rad/s)^2, by which one of zero is lowered at most as D leaves out a part N of G.
+        """Squared frequency, (rad/s)^2, by which one of zero may be lowered as D leaves out a part N of G.
 
-        It is 4 N^2 / top^2, where N is the largest sum of a row: the motions into which N turns one of zero frequency have
-        at least a quarter of the squared frequency of the top. (Of 33 packings and arrays at rest it was 3.2 N^2 / top^2.)
+        It is 4 N^2 / top^2, where N is the largest sum of a row. That is no bound: it takes the motions into which N turns
+        one of zero frequency to have a quarter of the squared frequency of the top, as in nearly all arrays that were tried.
         """
         if self._carried is None:
             return 0.0
