@@ -106,7 +106,7 @@ def find_equilibria(
     out, last = dict[int, Equilibrium](), None
     for place in sort_by_load(prescribed):
         try:
-            last = out[place] = _equilibrate(deviations, prescribed[place], stencils, None if ratio else last, ratio)
+            last = out[place] = _equilibrate(deviations, prescribed[place], stencils, last, ratio)
             _ = last.stiffness  # every state needs it: found here, it is found in parallel
         except GranphonError as error:
             error.load_index = place
