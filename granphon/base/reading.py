@@ -137,6 +137,8 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f":{mark.line + 1}" if mark is not None else ""
         problem = " ".join(str(getattr(error, "problem", None) or error).split())
+        if "nesting depth" in problem:  # the limit of libyaml from 0.2.6 on, which reads ahead of the events
+            problem = f"more than {_MAX_DEPTH} levels of nesting"
         raise InputError(message(f"{path}{where} cannot be read: broken YAML, {problem}")) from None
     except _Refused as refused:
         raise InputError(message(f"{path}:{line} cannot be read: found {refused}", "Only plain data are taken")) from None
