@@ -179,3 +179,33 @@ def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_
     assert len(warnings) == told
     if told:
         assert warnings[0].startswith("Velocities depend on the numbering of the balls, by some 4 %: loose balls float")
+
+
+@pytest.mark.claim("friction-numbering")
+def test_reduced_balls_of_another_material_and_size_have_the_same_history():
+    """Rounding differs; that of the way is left."""
+    found = []
+    for material, diameter in ((STEEL, 8e-3), (gp.Material(7.3e10, STEEL.poisson_ratio, 2450.0), 1.37e-3)):
+        packing = gp.Packing(material, diameter, gp.Uniform(2.55e-4 * diameter))
+        state = gp.DirectSimulation(packing, (8, 8), **HISTORY).at_force(np.array([0.1, 0.4]) * unit(packing))
+        energy = unit(packing) * packing.width
+        found.append((state.overlap / packing.width, state.work / energy, state.dissipated_energy / energy))
+    for one, other, within in zip(*found, (1e-9, 1e-7, 1e-5), strict=True):
+        assert_allclose(one, other, rtol=within)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("friction-numbering")
+def test_in_the_exact_geometry_the_numbering_of_the_balls_changes_nothing():
+    """An array from the gas, whose balls are numbered from another one on."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="sc")
+    diameters = packing.diameter + packing.width * gp.Uniform(1.0).sample((3, 3, 3), 0)
+    given = {"friction_history": True, "friction_coefficient": 0.3, "start": "gas", "geometry": EXACT}
+    one, other = (
+        gp.DirectSimulation(packing, diameters=np.roll(diameters, shift, (0, 1, 2)), **given).at_force(0.1 * unit(packing))
+        for shift in ((0, 0, 0), (0, 1, 1))
+    )
+    assert_allclose(other.overlap, one.overlap, rtol=1e-8)
+    for name in ("work", "dissipated_energy"):
+        assert_allclose(getattr(other, name), getattr(one, name), rtol=0.0, atol=1e-8 * float(one.work))
+    assert_allclose(other.elastic_tensor, one.elastic_tensor, rtol=0.0, atol=1e-8 * np.max(one.elastic_tensor))

@@ -83,7 +83,8 @@ _WORDS_OF_BALLS = {
 #: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and what digits of a file add
 _HERTZIAN, _ROUNDED = 0.5, 1e-2
 #: part by which velocities of arrays that are pressed from the gas in the directions of the lattice changed where the same
-#: balls were numbered otherwise: v_T of sc, 3 x 3 x 3 cells, mu = 0.3, the most that was seen (the force changed by 0.9 %)
+#: balls were numbered otherwise: v_T of sc, 3 x 3 x 3 cells, mu = 0.3, f* = 0.1, the most of two arrays, by
+#: ``tests/benchmarks/study_friction.py --only numbering``
 _BY_NUMBERING = 0.04
 #: what mends the torsion, in media that have terms of finite overlap
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"

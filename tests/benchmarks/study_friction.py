@@ -522,6 +522,28 @@ def gas(repeats: int) -> list[Row]:
     return rows
 
 
+def numbering(repeats: int) -> list[Row]:
+    """Parts by which overlap, work and v_T of arrays from the gas change where the same balls are numbered otherwise.
+
+    Arrays of sc, 3 x 3 x 3, mu = 0.3, at f* = 0.1. The numbers begin at another ball.
+    """
+    rows, shape = [], (3, 3, 3)
+    balls = replace(PACKING, lattice="sc")
+    for geometry in ("lattice", "exact"):
+        given: Any = {"friction_history": True, "friction_coefficient": 0.3, "start": "gas", "geometry": geometry}
+        for seed in range(2):
+            diameters = balls.diameter + WIDTH * gp.Uniform(1.0).sample(shape, seed)
+            found = []
+            for shift in ((0, 0, 0), (0, 1, 1)):
+                simulation = gp.DirectSimulation(balls, diameters=np.roll(diameters, shift, (0, 1, 2)), **given)
+                state = simulation.at_force(0.1 * UNIT)
+                found.append((float(state.overlap), float(state.work), float(np.min(state.long_waves([[1.0, 0.0, 0.0]])))))
+            one, other = np.array(found)
+            for name, part in zip(("overlap", "work", "v_T"), np.abs(other / one - 1.0), strict=True):
+                rows.append(Row(f"{geometry}, seed {seed}: change of {name} by the numbering of balls", float(part)))
+    return rows
+
+
 # -- the width of a fit -------------------------------------------------------------------------------------------------
 
 
@@ -651,8 +673,8 @@ def figures(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
-    "squeezed": squeezed, "steps": steps, "truth": truth, "rest": rest, "narrow": narrow, "gas": gas, "widths": widths,
-    "energy": energy, "figures": figures,
+    "squeezed": squeezed, "steps": steps, "truth": truth, "rest": rest, "narrow": narrow, "gas": gas, "numbering": numbering,
+    "widths": widths, "energy": energy, "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":
