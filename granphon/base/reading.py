@@ -19,6 +19,7 @@ __all__ = ["MOST_FILE_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_
 MOST_FILE_BYTES = 256_000_000
 #: the deepest nesting of blocks and lists in YAML
 _MAX_DEPTH = 12
+_TOO_DEEP = f"more than {_MAX_DEPTH} levels of nesting"
 #: the most digits of a whole number: as many as Python converts whatever its own limit is, and more than a float has
 _MOST_DIGITS = 640
 
@@ -127,7 +128,7 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
                     stack.append(value)
                     keys.append(None)
                     if len(stack) > _MAX_DEPTH + 1:
-                        raise _Refused(f"more than {_MAX_DEPTH} levels of nesting")
+                        raise _Refused(_TOO_DEEP)
             elif isinstance(event, yaml.CollectionEndEvent):
                 stack.pop()
                 keys.pop()
@@ -137,8 +138,9 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f":{mark.line + 1}" if mark is not None else ""
         problem = " ".join(str(getattr(error, "problem", None) or error).split())
-        if "nesting depth" in problem:  # the limit of libyaml from 0.2.6 on, which reads ahead of the events
-            problem = f"more than {_MAX_DEPTH} levels of nesting"
+        if "nesting depth" in problem:  # libyaml has a limit of its own, and reads ahead of the events
+            what = f"{path}{where} cannot be read: found {_TOO_DEEP}"
+            raise InputError(message(what, "Only plain data are taken")) from None
         raise InputError(message(f"{path}{where} cannot be read: broken YAML, {problem}")) from None
     except _Refused as refused:
         raise InputError(message(f"{path}:{line} cannot be read: found {refused}", "Only plain data are taken")) from None
