@@ -22,7 +22,7 @@ def ideal(name="triangular", shape=(6, 5), eta=0.8):
     lattice = gp.ContactLattice.of(name, eta)
     mesh = np.stack(np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
     bands = np.sort(np.asarray(lattice.frequencies(lattice.wavevectors(mesh))).ravel()) * UNITS.frequency
-    return ContactNetwork.of(lattice, UNITS).repeat(shape), bands
+    return lattice.contact_network(UNITS).repeat(shape), bands
 
 
 def nearest(bands, count, target):

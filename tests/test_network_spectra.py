@@ -30,7 +30,7 @@ ETA = 0.8
 def ideal(name="triangular", shape=(6, 5), eta=ETA, **more):
     """The lattice, and the network of its cells."""
     lattice = gp.ContactLattice.of(name, eta, **more)
-    return lattice, ContactNetwork.of(lattice, UNITS).repeat(shape)
+    return lattice, lattice.contact_network(UNITS).repeat(shape)
 
 
 def q_of(lattice, fractions):
@@ -291,7 +291,7 @@ def test_dos_of_a_large_array_is_that_of_its_bands():
     state = gp.AveragedLattice(packing).at_force(18.446)
     lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
     units = gp.Units(8e-3, state.normal_stiffness, packing.mass)
-    waves = gp.Waves(ContactNetwork.of(lattice, units).repeat((48, 48)))
+    waves = gp.Waves(lattice.contact_network(units).repeat((48, 48)))
     dos = waves.dos(moments=64, vectors=6)
     bands = gp.Phonons(state).dos(mesh=(96, 96), points=4000)
     kernel = Kernel(dos.top, 64)

@@ -41,7 +41,7 @@ def test_network_of_cells_has_the_bands_of_the_lattice(name, motions, shape):
     lattice = gp.ContactLattice.of(
         name, 0.0 if motions == "longitudinal" else 0.8, torsion=torsion, bending=bending, motions=among
     )
-    network = ContactNetwork.of(lattice, UNITS).repeat(shape)
+    network = lattice.contact_network(UNITS).repeat(shape)
     mesh = np.stack(np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
     bands = np.sort(lattice.frequencies(lattice.wavevectors(mesh)).ravel()) * UNITS.angular_frequency
     np.testing.assert_allclose(dense_frequencies(network), bands, atol=2e-8 * bands[-1])
@@ -74,7 +74,7 @@ def test_network_of_a_sample_has_its_elastic_energy():
 
 
 def test_polynomials_are_even_in_the_frequency():
-    network = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS).repeat((3, 4))
+    network = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS).repeat((3, 4))
     operator = WaveOperator(network)
     squares, vectors = np.linalg.eigh(operator.matrix.toarray())
     omega = np.sqrt(np.maximum(squares, 0.0)) / operator.top
@@ -94,7 +94,7 @@ def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
     torsion, bending = (0.02, 0.03) if among.twist else (0.0, 0.0)
     eta = 0.0 if motions == "longitudinal" else 0.8
     lattice = gp.ContactLattice.of(name, eta, torsion=torsion, bending=bending, motions=among)
-    network = ContactNetwork.of(lattice, UNITS, lattice=find_lattice(name)).repeat(shape)
+    network = lattice.contact_network(UNITS, lattice=find_lattice(name)).repeat(shape)
     rng = np.random.default_rng(5)
     open_ones = rng.random(network.n_contacts) < 0.2  # the rest of the springs differ
     kept = {
@@ -136,7 +136,7 @@ def test_array_of_a_sample_is_one_and_a_changed_one_is_not():
 def test_only_large_arrays_go_without_a_matrix():
     from granphon.balls.lattices import TRIANGULAR
 
-    one = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS, lattice=TRIANGULAR)
+    one = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS, lattice=TRIANGULAR)
     assert type(make_operator(one.repeat((9, 10)))) is WaveOperator
     assert isinstance(make_operator(one.repeat((60, 50))), ArrayOperator)
 
@@ -231,7 +231,7 @@ def test_what_has_no_network_is_one_error():
 
 def test_networks_go_through_json():
     """Also with walls, whose masses are infinite, and with labels."""
-    network = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS).repeat((3, 2))
+    network = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS).repeat((3, 2))
     masses = network.masses.copy()
     masses[2] = np.inf
     for one in (network, replace(network, masses=masses), network.select([5, 1, 0]), with_lattice((3, 2))):
@@ -326,7 +326,7 @@ def test_balls_in_a_straight_row_are_held():
     rows = with_lattice((4, 4)).select(np.arange(16))
     assert not rows.rattlers.size
     square = gp.ContactLattice.of("square", 0.0)
-    network = ContactNetwork.of(square, UNITS).repeat((3, 3))
+    network = square.contact_network(UNITS).repeat((3, 3))
     one_row = replace(
         network, **{
             name: getattr(network, name)[np.abs(network.normal[:, 0]) > 0.5]
@@ -538,7 +538,7 @@ def test_springs_that_are_zero_somewhere_are_no_multiple_of_others():
     from granphon.balls.lattices import find_lattice
 
     lattice = gp.ContactLattice.of("fcc", 0.8, torsion=0.02, bending=0.03, motions=ALL)
-    network = ContactNetwork.of(lattice, UNITS, lattice=find_lattice("fcc")).repeat((3, 3, 3))
+    network = lattice.contact_network(UNITS, lattice=find_lattice("fcc")).repeat((3, 3, 3))
     shear = np.where(np.arange(network.n_contacts) % 7, network.shear_stiffness, 0.0)  # some contacts slide
     network = replace(network, shear_stiffness=shear, torsion_stiffness=shear * 1e-6)
     stencils = ArrayOperator(network, find_kinds(network))

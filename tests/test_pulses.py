@@ -30,7 +30,7 @@ HERTZ = OMEGA / (2.0 * np.pi)
 
 
 def ideal(name, shape, mindlin_ratio=0.8, **more):
-    return ContactNetwork.of(gp.ContactLattice.of(name, mindlin_ratio, **more), UNITS).repeat(shape)
+    return gp.ContactLattice.of(name, mindlin_ratio, **more).contact_network(UNITS).repeat(shape)
 
 
 def chain(count):
@@ -111,7 +111,7 @@ def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwid
 ])  # fmt: skip
 def test_envelope_travels_with_the_group_velocity_in_other_lattices(name, shape, direction, polarisation, hertz):
     lattice = gp.ContactLattice.of(name, 0.0 if name == "chain" else 0.8)
-    network = ContactNetwork.of(lattice, UNITS).repeat(shape)
+    network = lattice.contact_network(UNITS).repeat(shape)
     along = np.array(direction) / np.linalg.norm(direction)
     pulse = gp.Waves(network).transmit(
         hertz * HERTZ, direction, 25.0 * D, 20, polarisation, ends="periodic", duration=40.0 / (hertz * HERTZ)
@@ -439,7 +439,7 @@ def test_bad_pulses_are_refused(disordered):
 def test_what_does_not_travel_has_no_time_of_flight():
     # without bending, waves across a plane of balls do not run at this frequency; what is heard is the near field
     lattice = gp.ContactLattice.of("triangular", 0.8, motions=allowed_motions(2)["out_of_plane"])
-    network = ContactNetwork.of(lattice, UNITS).repeat((1, 300))
+    network = lattice.contact_network(UNITS).repeat((1, 300))
     pulse = gp.Waves(network).transmit(0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", duration=140 / HERTZ)
     require_unknown(pulse, "not after the burst")
 

@@ -18,9 +18,11 @@ from granphon.balls.motions import IN_PLANE, Motions, select_motions
 from granphon.base.arguments import finite_array, not_negative, real_array
 from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
 from granphon.base.results import read_only
+from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.dynamics.wave_rows import WaveRows
+from granphon.networks.network import ContactNetwork
 
 __all__ = ["GYRATION", "Compatibility", "as_wavevectors", "require_digits"]
 
@@ -406,3 +408,39 @@ class Compatibility:
         ``wavevectors`` (n_q, p) are in 1/d.
         """
         return np.asarray(self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T)
+
+    # -- in SI ------------------------------------------------------------------------------------------------------
+
+    def contact_network(
+        self, units: Units, normal_force: ArrayLike = 0.0, radii: ArrayLike = 0.5, **more: Any
+    ) -> ContactNetwork:
+        """Return balls and contacts of one cell as a :class:`~granphon.networks.network.ContactNetwork`, in SI.
+
+        Parameters
+        ----------
+        units : the scales d (m), k (N/m) and M (kg).
+        normal_force : (n_c,) forces, k d.
+        radii : (n,) d.
+        more : further fields of the network.
+        """
+        table, d, p, count = self.contacts, units.length, self.periods, len(self.contacts)
+        cell, positions = np.zeros((3, 3)), np.zeros((self.n_balls, 3))
+        normal, shift = np.zeros((count, 3)), np.zeros((count, 3), np.intp)
+        cell[:p, : self.dimension] = d * self.cell
+        positions[:, : self.dimension] = d * self.positions
+        normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
+        masses, spring = units.mass * self.masses, units.stiffness * self.stiffness
+        if self.is_prestressed:  # its statics are those of normal forces alone
+            more = {"tangential_force": np.zeros((count, 3)), **more}
+        given = {
+            "motions": self.named_motions.name, "prestress": self.is_prestressed, "pbc": (p > 0, p > 1, p > 2),
+            "positions": positions, **more,
+        }  # fmt: skip
+        return ContactNetwork(
+            cell=cell, radii=d * np.broadcast_to(radii, self.n_balls), masses=masses,
+            inertias=masses * (d * self.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
+            normal_force=units.stiffness * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
+            shear_stiffness=self.mindlin_ratio * spring, torsion_stiffness=self.torsion * d * d * spring,
+            bending_stiffness=self.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
+            dimension=self.dimension, **given,
+        )  # fmt: skip

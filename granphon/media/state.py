@@ -373,7 +373,8 @@ class ContactState(Result):
             raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
         lattice, structure, units = contact_lattice(self), self.packing.structure, self.scales
         ones = (1,) * structure.periods
-        return ContactNetwork.of(lattice, units, self.force / units.force, lattice=structure, shape=ones).repeat(shape)
+        one = lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
+        return one.repeat(shape)
 
     @property
     def wave_names(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,6 @@ from granphon.base.scales import Units
 from granphon.base.validation import lengths, require, truth
 from granphon.networks.checks import check_network, read_periodic, read_whole_numbers
 from granphon.networks.pieces import find_pieces, find_rattlers
-
-if TYPE_CHECKING:
-    from granphon.dynamics.compatibility import Compatibility
 
 __all__ = ["ContactNetwork"]
 
@@ -246,45 +243,6 @@ class ContactNetwork(Result):
         return (self,) if len(found) == 1 else tuple(self.select(balls) for balls in found)
 
     # -- where it comes from ----------------------------------------------------------------------------------------
-
-    @classmethod
-    def of(cls, crystal: Compatibility, units: Units, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
-        """Return the network of balls and contacts of one cell of ``crystal``, which is in reduced units.
-
-        Parameters
-        ----------
-        crystal : table of contacts, stiffnesses, masses, motions, in units of d, k and M.
-        units : the scales d (m), k (N/m) and M (kg).
-        normal_force : (n_c,) forces, k d.
-        radii : (n,) d.
-        more : further fields of the network.
-        """
-        table, d, k = crystal.contacts, units.length, units.stiffness
-        p, dimension, count = crystal.periods, crystal.dimension, len(crystal.contacts)
-        cell, positions, normal, shift = (
-            np.zeros((3, 3)),
-            np.zeros((crystal.n_balls, 3)),
-            np.zeros((count, 3)),
-            np.zeros((count, 3), int),
-        )
-        cell[:p, :dimension] = d * crystal.cell
-        positions[:, :dimension] = d * crystal.positions
-        normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
-        masses = units.mass * crystal.masses
-        spring = k * crystal.stiffness
-        if crystal.is_prestressed:  # its statics are those of normal forces alone
-            more = {"tangential_force": np.zeros((count, 3)), **more}
-        return cls(
-            cell=cell, radii=d * np.broadcast_to(radii, crystal.n_balls),
-            masses=masses, inertias=masses * (d * crystal.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
-            normal_force=k * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
-            shear_stiffness=crystal.mindlin_ratio * spring, torsion_stiffness=crystal.torsion * d * d * spring,
-            bending_stiffness=crystal.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
-            **{
-                "motions": crystal.named_motions.name, "dimension": dimension, "prestress": crystal.is_prestressed,
-                "pbc": (p > 0, p > 1, p > 2), "positions": positions, **more,
-            },
-        )  # fmt: skip
 
     def repeat(self, shape: tuple[int, ...]) -> Self:
         """Return the network of ``shape`` (L1, ..., Lp) cells of this one, one number for each period.

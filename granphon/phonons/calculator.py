@@ -370,8 +370,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         force, other = np.full(overlap.shape, self.state.force), (overlap != self._overlap) | (law is not self.state.law)
         if np.any(other):
             force[other] = law.force(overlap[other] * d)
-        return ContactNetwork.of(
-            lattice, self.scales, force / self.scales.force, 0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
+        return lattice.contact_network(
+            self.scales, force / self.scales.force, 0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
             positions=positions, pbc=tuple(map(bool, atoms.pbc)), prestress=self.finite_overlap,
         )  # fmt: skip
 

@@ -30,7 +30,7 @@ HERTZ = UNITS.angular_frequency / (2.0 * np.pi)
 
 def disordered(shape: tuple[int, int]) -> ContactNetwork:
     """The triangular array with friction, stiffnesses of contacts from a half to three halves of the mean."""
-    network = ContactNetwork.of(LATTICE, UNITS).repeat(shape)
+    network = LATTICE.contact_network(UNITS).repeat(shape)
     factor = np.random.default_rng(1).uniform(0.5, 1.5, network.n_contacts)
     return replace(
         network, normal_stiffness=factor * network.normal_stiffness, shear_stiffness=factor * network.shear_stiffness
@@ -87,7 +87,7 @@ def bandwidth(repeats: int) -> list[Row]:
         group = modes.group_velocities[at, branch[at], 1] * UNITS.length * UNITS.angular_frequency
         lasting = 40 / (omega[at] * HERTZ)
         shape = (1, int(200 + 1.5 * group * lasting / UNITS.length))
-        found = gp.Waves(ContactNetwork.of(LATTICE, UNITS).repeat(shape)).transmit(
+        found = gp.Waves(LATTICE.contact_network(UNITS).repeat(shape)).transmit(
             omega[at] * HERTZ,
             (0, 1),
             60 * UNITS.length,

@@ -34,7 +34,7 @@ def array(side: int) -> Any:
     from granphon.balls.lattices import find_lattice
 
     lattice, units = gp.ContactLattice.of("triangular", 0.8), gp.Units(8e-3, 3e6, 2e-3)
-    network = gp.ContactNetwork.of(lattice, units, lattice=find_lattice("triangular")).repeat((side, side))
+    network = lattice.contact_network(units, lattice=find_lattice("triangular")).repeat((side, side))
     factor = np.random.default_rng(0).uniform(0.2, 1.0, network.n_contacts)
     stiffness, shear = factor * network.normal_stiffness, factor * network.shear_stiffness
     return gp.Waves(replace(network, normal_stiffness=stiffness, shear_stiffness=shear))
