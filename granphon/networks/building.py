@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,18 @@ from granphon.base.arguments import real_array, whole_number
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message
 from granphon.base.text import counted
 from granphon.base.validation import require, truth
-from granphon.networks.checks import LARGEST, MOST_STEPS
 
-if TYPE_CHECKING:
-    from granphon.networks.network import ContactNetwork
-
-__all__ = ["MOST_BYTES", "Balls", "Contacts", "build_network", "find_rounding", "read_cell"]
+__all__ = [
+    "LARGEST", "MOST_BYTES", "MOST_STEPS", "Balls", "Contacts", "complete_fields", "find_rounding", "read_cell",
+    "read_whole_numbers",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+#: greatest number in SI, and the inverse of the least one: products of a few of them stay within the range of floats
+LARGEST = 1e60
+#: greatest number of cells between two balls
+MOST_STEPS = 1_000_000_000
 #: greatest gap or overlap of two balls, over the sum of their radii, at which they may be in contact
 _REACH = 0.25
 #: greatest error of a vector between two balls, over the sum of their radii, that is put down to rounding in a file
@@ -118,6 +121,21 @@ class Contacts:
         return f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]}, {wrong}{more}"
 
 
+def read_whole_numbers(name: str, values: Any) -> Index:
+    """Return ``values`` as an array of whole numbers; floats are taken if they are whole.
+
+    Raises :class:`~granphon.base.errors.InputError` for other values, and for numbers too large to be an index.
+    """
+    given = values if isinstance(values, np.ndarray) and values.dtype.kind == "i" else real_array(name, values)
+    if given.dtype.kind == "i":
+        return np.asarray(given, np.intp)
+    fine = np.isfinite(given) & (given == np.rint(given)) & (np.abs(given) < 2.0**53)
+    if not np.all(fine):
+        wrong = given[~fine].ravel()[0]
+        raise InputError(message(f"{name} of the network has the number {wrong!s} where a whole number is needed"))
+    return np.asarray(given, np.intp)
+
+
 def find_rounding(values: Array) -> float:
     """Return the error of a distance between two points whose coordinates have the significant digits of ``values``."""
     finite = values[np.isfinite(values) & (values != 0.0)]
@@ -156,12 +174,11 @@ def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
     return full, periodic
 
 
-def build_network(
-    kind: type[ContactNetwork], balls: Balls, contacts: Contacts, *, material: Material | None, cell: Array,
-    pbc: NDArray[np.bool_], dimension: int | None, motions: str | None, friction: bool, prestress: bool, keep_rattlers: bool,
-    held_by: int | None, left_out: int = 0,
-) -> Any:  # fmt: skip
-    """Return the network of these balls and contacts; see ``ContactNetwork.from_table`` for the arguments."""
+def complete_fields(
+    balls: Balls, contacts: Contacts, *, material: Material | None, cell: Array, pbc: NDArray[np.bool_],
+    dimension: int | None, motions: str | None, friction: bool, prestress: bool, left_out: int = 0,
+) -> dict[str, Any]:  # fmt: skip
+    """Return all fields of the network of these balls and contacts; for the arguments see ``ContactNetwork.from_table``."""
     if material is not None and not isinstance(material, Material):
         raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
     friction = require("friction", truth, friction)
@@ -210,12 +227,11 @@ def build_network(
         found["tangential_force"] = contacts.tangential_force
     if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
         found = {name: values[force > 0.0] for name, values in found.items()}
-    network = kind(
-        cell=cell, pbc=tuple(pbc.tolist()), positions=positions, radii=balls.radii, masses=masses, inertias=inertias,
-        **found, motions=next(iter(allowed_motions(dimension))) if motions is None else motions, dimension=dimension,
-        prestress=prestress, left_out=left_out, labels=balls.labels,
-    )  # fmt: skip
-    return network if require("keep_rattlers", truth, keep_rattlers) else network.without_rattlers(held_by)
+    return {
+        "cell": cell, "pbc": tuple(pbc.tolist()), "positions": positions, "radii": balls.radii, "masses": masses,
+        "inertias": inertias, **found, "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
+        "dimension": dimension, "prestress": prestress, "left_out": left_out, "labels": balls.labels,
+    }  # fmt: skip
 
 
 def _find_arms(radii: Array, overlap: Array) -> Array:

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,7 @@ from granphon.base.reading import read_bytes
 from granphon.base.scales import Units
 from granphon.base.tables import decode, plain_float
 from granphon.base.validation import choice, require
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network, find_rounding
-from granphon.networks.checks import read_whole_numbers
-
-if TYPE_CHECKING:
-    from granphon.networks.network import ContactNetwork
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, find_rounding, read_whole_numbers
 
 __all__ = ["read_dumps"]
 
@@ -62,11 +58,10 @@ class _Frame:
 
 
 def read_dumps(
-    kind: type[ContactNetwork], dump: str | os.PathLike[str], pairs: str | os.PathLike[str], units: str | Units | None,
-    columns: Sequence[str] | None, step: int | None, *, normal_stiffness: float | None, shear_stiffness: float | None,
-    **more: Any,
-) -> Any:  # fmt: skip
-    """Return the network of two dumps; see ``ContactNetwork.from_lammps`` for the arguments."""
+    dump: str | os.PathLike[str], pairs: str | os.PathLike[str], units: str | Units | None, columns: Sequence[str] | None,
+    step: int | None, *, normal_stiffness: float | None, shear_stiffness: float | None, **more: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the fields of the network of two dumps; see ``ContactNetwork.from_lammps`` for the arguments."""
     atoms, touching = _read_frame(dump, step, "ATOMS"), _read_frame(pairs, step, "ENTRIES")
     if atoms.step != touching.step:
         what = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
@@ -97,7 +92,7 @@ def read_dumps(
             count, not_negative("shear_stiffness", shear_stiffness, "N/m")
         ),
     )  # fmt: skip
-    return build_network(kind, balls, contacts, cell=length * atoms.cell, pbc=np.asarray(atoms.pbc, bool), **more)
+    return complete_fields(balls, contacts, cell=length * atoms.cell, pbc=np.asarray(atoms.pbc, bool), **more)
 
 
 def _find_scales(units: str | Units | None, *frames: _Frame) -> tuple[float, float, float]:

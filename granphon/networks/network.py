@@ -23,7 +23,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.validation import lengths, require, truth
-from granphon.networks.checks import check_network, read_periodic, read_whole_numbers
+from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 from granphon.networks.pieces import find_pieces, find_rattlers
 
 __all__ = ["ContactNetwork"]
@@ -34,6 +34,15 @@ Index = NDArray[np.intp]
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
 _WHOLE = ("i", "j", "shift", "labels")
+_SPRINGS = ("shear_stiffness", "torsion_stiffness", "bending_stiffness")
+#: deviation of the length of a normal from one, or of a normal from the plane, that is put down to rounding in a file
+_UNIT = 1e-6
+#: greatest difference, over the sum of the two arms, between these and the distance of the centres
+_STRAY = 0.25
+#: least volume of a periodic cell over the product of the lengths of its vectors
+_FLAT = 1e-9
+#: greatest part of a tangential force along the normal: the rounding in a file
+_ALONG = 1e-2
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -117,7 +126,7 @@ class ContactNetwork(Result):
     tangential_force: Array | None = None
 
     def __post_init__(self) -> None:
-        given: dict[str, Any] = {"pbc": read_periodic(self.pbc), "prestress": require("prestress", truth, self.prestress)}
+        given: dict[str, Any] = {"pbc": _read_periodic(self.pbc), "prestress": require("prestress", truth, self.prestress)}
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         if self.shape is not None:
@@ -136,7 +145,16 @@ class ContactNetwork(Result):
     def check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
         super().check()
-        check_network(self)
+        motions = allowed_motions(self.dimension)
+        if self.motions not in motions:
+            what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
+            raise InputError(message(what, mend="Use " + ", ".join(motions)))
+        if not self.n_balls:
+            raise InputError(message("the network has no ball"))
+        for check in (
+            _check_balls, _check_cell, _check_contacts, _check_directions, _check_once, _check_range, _check_order,
+        ):  # fmt: skip
+            check(self)
 
     # -- what it is -------------------------------------------------------------------------------------------------
 
@@ -188,17 +206,25 @@ class ContactNetwork(Result):
     @cached_property
     def rattlers(self) -> Index:
         """Indices of the balls that carry no load, see :func:`~granphon.networks.pieces.find_rattlers`."""
-        return read_only(find_rattlers(self))
+        return read_only(self._find_rattlers())
+
+    def _find_rattlers(self, held_by: int | None = None) -> Index:
+        slips = not np.any(self.shear_stiffness)
+        least = (self.dimension + 1 if slips else 2) if held_by is None else held_by
+        return find_rattlers(
+            self.i, self.j, self.moving, self.normal_force, self.normal, least, in_rows=slips and held_by is None
+        )
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these are.
 
         ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and
-        one more than there are dimensions where they do not. Where gravity holds balls down, too, it is smaller: give it.
+        one more than there are dimensions where they do not; there, two contacts or more whose forces are in balance, as
+        along a straight row, hold a ball as well. Where gravity holds balls down, too, it is smaller: give it.
         Raises :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
-        loose = self.rattlers if least is None else find_rattlers(self, least)
+        loose = self.rattlers if least is None else self._find_rattlers(least)
         if not loose.size:
             return self
         kept = np.ones(self.n_balls, bool)
@@ -206,7 +232,7 @@ class ContactNetwork(Result):
         if not np.any(kept & self.moving):
             why = "Each has fewer contacts than can hold it, or is left so by others"
             fewer = range(self.dimension + 1 if least is None else least - 1, 0, -1)
-            held = next((n for n in fewer if np.any(np.delete(self.moving, find_rattlers(self, n)))), 0)
+            held = next((n for n in fewer if np.any(np.delete(self.moving, self._find_rattlers(n)))), 0)
             mend = f"If something else holds them too, give held_by={held}" if held else ""
             raise InputError(message("all balls of the network are rattlers, which carry no load", why, mend))
         return replace(self.select(kept), left_out=self.left_out + int(loose.size))
@@ -239,7 +265,7 @@ class ContactNetwork(Result):
 
         A wall joins no pieces, as it does not move, and is in each of those that it touches.
         """
-        found = find_pieces(self)
+        found = find_pieces(self.i, self.j, self.moving)
         return (self,) if len(found) == 1 else tuple(self.select(balls) for balls in found)
 
     # -- where it comes from ----------------------------------------------------------------------------------------
@@ -338,11 +364,11 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import read_tables
 
-        network: Self = read_tables(
-            cls, balls, contacts, columns or {}, material=material, cell=cell, pbc=pbc, dimension=dimension, motions=motions,
-            friction=friction, prestress=prestress, keep_rattlers=keep_rattlers, held_by=held_by,
+        fields = read_tables(
+            balls, contacts, columns or {}, material=material, cell=cell, pbc=pbc, dimension=dimension, motions=motions,
+            friction=friction, prestress=prestress,
         )  # fmt: skip
-        return network
+        return cls(**fields)._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def from_lammps(
@@ -386,12 +412,14 @@ class ContactNetwork(Result):
         """
         from granphon.networks.lammps import read_dumps
 
-        network: Self = read_dumps(
-            cls, dump, pairs, units, columns, step, material=material, normal_stiffness=normal_stiffness,
+        fields = read_dumps(
+            dump, pairs, units, columns, step, material=material, normal_stiffness=normal_stiffness,
             shear_stiffness=shear_stiffness, dimension=dimension, motions=motions, friction=friction, prestress=prestress,
-            keep_rattlers=keep_rattlers, held_by=held_by,
         )  # fmt: skip
-        return network
+        return cls(**fields)._leave_out(keep_rattlers, held_by)
+
+    def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
+        return self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.
@@ -400,4 +428,167 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import write_tables
 
-        write_tables(self, balls, contacts)
+        write_tables(vars(self), balls, contacts)
+
+
+# -- what it must be ---------------------------------------------------------------------------------------------------
+
+
+def _read_periodic(values: Any) -> tuple[bool, bool, bool]:
+    """Return three truth values, for the three vectors of the cell; :class:`InputError` for something else."""
+    plain = values.tolist() if isinstance(values, np.ndarray) else values
+    if not isinstance(plain, Sequence) or isinstance(plain, str) or len(plain) != 3:
+        what = f"pbc of the network is {brief(values)}"
+        raise InputError(message(what, mend="Give three truth values, one for each vector of the cell"))
+    one, two, three = (require("pbc", truth, value) for value in plain)
+    return one, two, three
+
+
+def _require(network: ContactNetwork, name: str, fine: Any, what: str, wrong: str, mend: str = "") -> None:
+    """Raise :class:`InputError` if a ball or contact is not ``fine``; the message names the first, and how many."""
+    if not np.all(fine):
+        bad = np.flatnonzero(~np.asarray(fine))
+        value = np.asarray(getattr(network, name))[bad[0]]
+        more = f" ({bad.size} in all)" if bad.size > 1 else ""
+        found = f"{name} = {np.array2string(value)}"
+        if what == "contact" and name not in ("i", "j"):
+            found += f", between balls {network.i[bad[0]]} and {network.j[bad[0]]}"
+        raise InputError(message(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend))
+
+
+def _check_balls(network: ContactNetwork) -> None:
+    finite = np.all(np.abs(network.positions) < LARGEST, axis=1)
+    _require(network, "positions", finite, "ball", f"is at a place that is not finite, or above {LARGEST:g} m")
+    for name in ("radii", "masses", "inertias"):
+        values = getattr(network, name)
+        _require(network, name, values > 0.0, "ball", f"has {name} that are not above zero")
+        if name != "masses":
+            _require(
+                network, name, (values < LARGEST) | ~network.moving, "ball", f"has {name} that are not finite, but moves",
+                "A body that does not move has an infinite mass",
+            )  # fmt: skip
+    if network.labels is not None and np.unique(network.labels).size != network.n_balls:
+        raise InputError(message("two balls of the network have the same label"))
+
+
+def _check_cell(network: ContactNetwork) -> None:
+    periods = network.cell[list(network.pbc)]
+    for axis in np.flatnonzero(network.pbc):
+        vector = network.cell[axis]
+        if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
+            raise InputError(message(f"vector {axis} of the cell is {vector.tolist()} m, and periodic"))
+        if axis >= network.dimension or np.any(vector[network.dimension :]):
+            where = "the line" if network.dimension == 1 else "the plane"
+            what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
+            raise InputError(message(f"{what} {network.dimension} dimensions, and is periodic"))
+    if len(periods) > 1:
+        size = np.linalg.norm(periods, axis=1, keepdims=True)
+        if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
+            raise InputError(message("the periodic vectors of the cell are not independent of each other"))
+
+
+def _check_contacts(network: ContactNetwork) -> None:
+    for name in ("i", "j"):
+        values = getattr(network, name)
+        there = (values >= 0) & (values < network.n_balls)
+        _require(network, name, there, "contact", f"names a ball that is not there; balls are 0 to {network.n_balls - 1}")
+    moved = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
+    _require(network, "shift", ~moved, "contact", "crosses a side of the cell that is not periodic")
+    near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
+    _require(network, "shift", near, "contact", f"has a shift of more than {MOST_STEPS} cells")
+    alone = (network.i == network.j) & ~np.any(network.shift, axis=1)
+    _require(network, "i", ~alone, "contact", "joins a ball with itself")
+    size = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)  # squares of larger numbers might overflow
+    _require(network, "normal", np.abs(size - 1.0) <= _UNIT, "contact", "has a normal whose length is not one")
+    for name, low in [("normal_force", False), ("normal_stiffness", True), *[(one, False) for one in _SPRINGS]]:
+        values = getattr(network, name)
+        inside = np.isfinite(values) & ((values > 0.0) if low else (values >= 0.0))
+        pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
+        what = "above zero" if low else "zero or above"
+        _require(network, name, inside, "contact", f"has a {name} that is not {what}{pulls}")
+    if network.tangential_force is not None:
+        force = network.tangential_force
+        fine = np.all(np.abs(force) < LARGEST, axis=1)
+        wrong = f"has a tangential_force that is not finite, or above {LARGEST:g} N"
+        _require(network, "tangential_force", fine, "contact", wrong)
+        # among the least of all numbers rounding turns a force
+        least = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
+        along = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= least
+        mend = "Leave the normal force out of it"
+        _require(network, "tangential_force", along, "contact", "has a tangential_force that is not across its normal", mend)
+    for name in ("arm_i", "arm_j"):
+        fine = np.abs(getattr(network, name)) < LARGEST
+        _require(network, name, fine, "contact", f"has an {name} that is not finite, or above {LARGEST:g} m")
+
+
+def _check_directions(network: ContactNetwork) -> None:
+    """Check that contacts lie in the plane, and lead from ball i to ball j; a wall may have any place."""
+    flat = ~np.any(np.abs(network.normal[:, network.dimension :]) > _UNIT, axis=1)
+    where = "the line along x" if network.dimension == 1 else "the plane"
+    _require(network, "normal", flat, "contact", f"leaves {where} of a network in {network.dimension} dimensions")
+    of_balls = network.moving[network.i] & network.moving[network.j]
+    vector, arms = network.vector, network.arm_i + network.arm_j
+    level = ~np.any(np.abs(vector[:, network.dimension :]) > _UNIT * np.abs(arms)[:, None], axis=1)
+    _require(network, "i", level | ~of_balls, "contact", f"joins balls that are not both in {where}")
+    ahead = np.einsum("ca,ca->c", network.normal, vector) > 0.0
+    mend = "Normals lead from ball i to ball j displaced by shift cells"
+    _require(network, "normal", ahead | ~of_balls, "contact", "has a normal that does not lead from ball i to ball j", mend)
+    distance = np.linalg.norm(vector, axis=1)
+    near = np.abs(distance - arms) <= _STRAY * np.abs(arms)
+    mend = "Compare shift and cell with the positions"
+    wrong = "joins balls whose distance is not the sum of the two arms"
+    _require(network, "arm_i", near | ~of_balls, "contact", wrong, mend)
+
+
+def _check_once(network: ContactNetwork) -> None:
+    """Check that no contact is listed twice, from one end or from both; a wall may touch a ball at several places."""
+    if not network.n_contacts:
+        return
+    i, j, shift = network.i, network.j, network.shift
+    leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+    turned = (i > j) | ((i == j) & (leading < 0))
+    first, second = np.where(turned, j, i), np.where(turned, i, j)
+    step = np.where(turned[:, None], -shift, shift)
+    low, high = step.min(axis=0), step.max(axis=0)
+    if np.prod(1.0 + (high - low).astype(float)) * float(network.n_balls) ** 2 < 2.0**62:
+        span = high - low + 1
+        place = ((step[:, 0] - low[0]) * span[1] + step[:, 1] - low[1]) * span[2] + step[:, 2] - low[2]
+        key: Any = (place * network.n_balls + first) * network.n_balls + second
+        order = np.argsort(key, kind="stable")
+        same = np.diff(key[order]) == 0
+    else:  # shifts so large that no single number holds them
+        keys = np.column_stack([first, second, step])
+        order = np.lexsort(keys.T)
+        same = ~np.any(np.diff(keys[order], axis=0), axis=1)
+    before, after = order[:-1][same], order[1:][same]
+    of_wall = ~(network.moving[i[after]] & network.moving[j[after]])
+    sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
+    elsewhere = np.any(np.abs(network.normal[before] - sign * network.normal[after]) > _UNIT, axis=1)
+    twice = ~(of_wall & elsewhere)
+    if np.any(twice):
+        one, other = int(before[twice][0]), int(after[twice][0])
+        more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
+        what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
+        raise InputError(message(what, "Every contact counts once", "List each contact from one of its ends only"))
+
+
+def _check_range(network: ContactNetwork) -> None:
+    """Check that numbers are of a size whose products stay within the range of floats."""
+    said = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+    for name in ("radii", "masses", "inertias"):
+        values = getattr(network, name)
+        fine = ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~network.moving
+        _require(network, name, fine, "ball", f"has {name} {said}")
+    _require(network, "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, "contact", f"has a stiffness {said}")
+    for name in ("normal_force", "normal_stiffness", *_SPRINGS):
+        _require(network, name, getattr(network, name) <= LARGEST, "contact", f"has a {name} {said}")
+
+
+def _check_order(network: ContactNetwork) -> None:
+    """Check that an array has the balls of all of its cells."""
+    if network.lattice is None or network.shape is None:
+        return
+    balls = network.lattice.n_balls * int(np.prod(network.shape, dtype=float))
+    if len(network.shape) != network.lattice.periods or balls != network.n_balls:
+        what = f"{network.shape} cells of the {network.lattice.name} lattice have {balls} balls"
+        raise InputError(message(f"{what}, and the network has {network.n_balls}"))

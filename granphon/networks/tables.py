@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,7 @@ from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.reading import read_bytes, require_path
 from granphon.base.tables import Heading, Table, decode, table_text
 from granphon.base.text import closest
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network, read_cell
-from granphon.networks.checks import read_whole_numbers
-
-if TYPE_CHECKING:
-    from granphon.networks.network import ContactNetwork
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, read_cell, read_whole_numbers
 
 __all__ = ["BALLS", "CONTACTS", "read_tables", "write_tables"]
 
@@ -191,10 +187,10 @@ def _read_remark(name: str, raw: bytes) -> dict[str, Any]:
 
 
 def read_tables(
-    kind: type[ContactNetwork], balls: Any, contacts: Any, columns: Mapping[str, str], *, cell: Any, pbc: Any,
-    dimension: int | None, motions: str | None, prestress: bool | None, **more: Any,
-) -> Any:  # fmt: skip
-    """Return the network of two tables; see ``ContactNetwork.from_table`` for the arguments."""
+    balls: Any, contacts: Any, columns: Mapping[str, str], *, cell: Any, pbc: Any, dimension: int | None,
+    motions: str | None, prestress: bool | None, **more: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the fields of the network of two tables; see ``ContactNetwork.from_table`` for the arguments."""
     for name in columns:
         if name not in BALLS and name not in CONTACTS:
             meant = closest(name, [*BALLS, *CONTACTS])
@@ -212,8 +208,8 @@ def read_tables(
     periods, periodic = read_cell(cell, pbc)
     of_balls.require_equal(*BALLS)
     of_contacts.require_equal(*CONTACTS)
-    return build_network(
-        kind, _read_balls(of_balls), _read_contacts(of_contacts), cell=periods, pbc=periodic,
+    return complete_fields(
+        _read_balls(of_balls), _read_contacts(of_contacts), cell=periods, pbc=periodic,
         dimension=said.get("dimension") if dimension is None else dimension,
         motions=said.get("motions") if motions is None else motions,
         prestress=bool(said.get("prestress", False)) if prestress is None else prestress,
@@ -250,23 +246,23 @@ def _widen(vectors: Array) -> Array:
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
-def write_tables(network: ContactNetwork, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
-    """Write a network as two CSV files; see ``ContactNetwork.write_tables``."""
-    names = None if network.labels is None else network.labels
-    ends = [one if names is None else names[one] for one in (network.i, network.j)]
+def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
+    """Write the fields of a network as two CSV files; see ``ContactNetwork.write_tables``."""
+    names = fields["labels"]
+    ends = [one if names is None else names[one] for one in (fields["i"], fields["j"])]
     of_balls = {
-        **({} if names is None else {"id": names}), **dict(zip(_AXES, network.positions.T, strict=True)),
-        "radius": network.radii, "mass": network.masses, "inertia": network.inertias,
+        **({} if names is None else {"id": names}), **dict(zip(_AXES, fields["positions"].T, strict=True)),
+        "radius": fields["radii"], "mass": fields["masses"], "inertia": fields["inertias"],
     }  # fmt: skip
-    steps = zip(("shift_1", "shift_2", "shift_3"), network.shift.T, strict=True)
+    steps = zip(("shift_1", "shift_2", "shift_3"), fields["shift"].T, strict=True)
     of_contacts = {
-        "i": ends[0], "j": ends[1], **dict(steps), **dict(zip(("nx", "ny", "nz"), network.normal.T, strict=True)),
-        **{name: getattr(network, name) for name in CONTACTS if name.endswith(("force", "stiffness")) or "arm" in name},
+        "i": ends[0], "j": ends[1], **dict(steps), **dict(zip(("nx", "ny", "nz"), fields["normal"].T, strict=True)),
+        **{name: fields[name] for name in CONTACTS if name.endswith(("force", "stiffness")) or "arm" in name},
     }  # fmt: skip
-    if network.tangential_force is not None:
-        of_contacts |= dict(zip(_TANGENTIAL, network.tangential_force.T, strict=True))
-    about = {name: getattr(network, name) for name in ("pbc", "dimension", "motions", "prestress", "left_out")}
-    remark = _REMARK.removeprefix("# ") + json.dumps({"cell": network.cell.tolist(), **about})
+    if fields["tangential_force"] is not None:
+        of_contacts |= dict(zip(_TANGENTIAL, fields["tangential_force"].T, strict=True))
+    about = {name: fields[name] for name in ("pbc", "dimension", "motions", "prestress", "left_out")}
+    remark = _REMARK.removeprefix("# ") + json.dumps({"cell": fields["cell"].tolist(), **about})
     for path, table, known, comments in ((balls, of_balls, BALLS, [remark]), (contacts, of_contacts, CONTACTS, [])):
         require_path(path)
         headings = [Heading(name, kind.unit if (kind := known[name]) else "") for name in table]

@@ -314,7 +314,7 @@ def _require_apart(course: Course, sources: Index, receivers: Index, length: flo
 
 def _require_joined(network: ContactNetwork, sources: Index, receivers: Index) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if no chain of contacts leads from the source to the receivers."""
-    part = number_pieces(network)
+    part = number_pieces(network.i, network.j, network.moving)
     if not np.isin(part[receivers], part[sources]).any():
         raise InputError(
             message(
