@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sample import STEP, Sample, jackknife
+from granphon.array.sample import STEP, jackknife
 from granphon.dynamics.tensors import longitudinal_modulus
-
-if TYPE_CHECKING:
-    from granphon.media.simulation import SimulatedState
 
 __all__ = ["exponent_error", "mean_exponent"]
 
 Array = NDArray[np.float64]
 
 
-def mean_exponent(state: SimulatedState) -> Array:
-    """Return d log v_L / d log P, with the shape of the load, from the mean M of the samples of a state."""
-    return _compute_exponent(np.mean(_compute_terms(state), axis=-2))
+def mean_exponent(tensors: Array, beside: Array, force: ArrayLike = 1.0, stiffness: ArrayLike = 1.0) -> Array:
+    """Return d log v_L / d log P, (...), of the mean M over samples, which all have the same force or the same overlap.
+
+    Parameters
+    ----------
+    tensors : (..., n_samples, n, n) elastic tensors, Pa.
+    beside : (..., n_samples, 2, n, n) those below and above, at :data:`~granphon.array.sample.STEP` of log f to either side.
+    force, stiffness : (..., n_samples), N and N/m, of samples at the same overlap, over which the mean force is an average.
+    """
+    return _compute_exponent(np.mean(_compute_terms(tensors, beside, force, stiffness), axis=-2))
 
 
-def exponent_error(state: SimulatedState) -> Array:
-    """Return the standard error of :func:`mean_exponent`, with the shape of the load; it needs two samples or more."""
-    return jackknife(_compute_exponent, _compute_terms(state))
+def exponent_error(tensors: Array, beside: Array, force: ArrayLike = 1.0, stiffness: ArrayLike = 1.0) -> Array:
+    """Return the standard error of :func:`mean_exponent`, (...); it needs two samples or more."""
+    return jackknife(_compute_exponent, _compute_terms(tensors, beside, force, stiffness))
 
 
 def _compute_exponent(means: Array) -> Array:
@@ -38,18 +39,10 @@ def _compute_exponent(means: Array) -> Array:
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
 
 
-def _compute_terms(state: SimulatedState) -> Array:
+def _compute_terms(tensors: Array, beside: Array, force: ArrayLike, stiffness: ArrayLike) -> Array:
     """Return the terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples, 4)."""
-    low, high = np.moveaxis(_compute_longitudinal_modulus(state, lambda sample: sample.elastic_tensors_beside), -1, 0)
-    modulus = _compute_longitudinal_modulus(state, lambda sample: sample.elastic_tensor)
-    force, stiffness = np.ones_like(modulus), np.ones_like(modulus)
-    if state.spaced:  # samples have the same overlap, so the mean force is an average over them
-        force = state.over_samples(lambda sample: sample.force)
-        stiffness = state.over_samples(lambda sample: sample.normal_stiffness)
+    low, high = np.moveaxis(longitudinal_modulus(beside), -1, 0)
+    modulus = longitudinal_modulus(tensors)
     rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
-    return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
-
-
-def _compute_longitudinal_modulus(state: SimulatedState, of: Callable[[Sample], Array]) -> Array:
-    """Return the modulus M of longitudinal waves, of the elastic tensor or tensors that ``of`` finds for every sample."""
-    return longitudinal_modulus(state.over_samples(of))
+    f, k = (np.broadcast_to(values, modulus.shape) for values in (force, stiffness))
+    return np.stack([rise * k / f, modulus, k, f], axis=-1)

@@ -8,9 +8,10 @@ Its mechanical equilibrium is found without friction (:mod:`granphon.array.equil
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Self
 
 import numpy as np
@@ -239,7 +240,8 @@ class SimulatedState(SampledWaves):
         if not self.packing.spread_matters:
             return super().exponent
         periods, shortening = self.packing.structure.periods, self._shortening
-        return ((mean_exponent(self) - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening))[()]
+        exponent = mean_exponent(*self._exponent_terms)
+        return ((exponent - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening))[()]
 
     @property
     def exponent_error(self) -> Any:
@@ -248,7 +250,14 @@ class SimulatedState(SampledWaves):
             return super().exponent_error
         if self.n_samples == 1:
             return self._fill_shape(math.nan)
-        return (exponent_error(self) / (1.0 + (self.packing.structure.periods - 1.0) * self._shortening))[()]
+        error = exponent_error(*self._exponent_terms)
+        return (error / (1.0 + (self.packing.structure.periods - 1.0) * self._shortening))[()]
+
+    @property
+    def _exponent_terms(self) -> Iterator[Array]:
+        """What :func:`~granphon.media.exponents.mean_exponent` takes of each sample: its force only if these have others."""
+        names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.spaced else ()))
+        return (self.over_samples(attrgetter(name)) for name in names)
 
     @property
     def _shortening(self) -> Array:
