@@ -22,7 +22,6 @@ from mpmath import mpf
 import granphon as gp
 from granphon.array.sparse import SparseArray
 from granphon.dynamics.local_field import local_field
-from granphon.media.acoustics import contact_lattice
 from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
@@ -291,7 +290,7 @@ def densities_at_edges() -> float:
     tried.append((gp.Packing(STEEL, D, lattice="kagome"), 18.0))  # with a gap
     for packing, load in tried:
         state = gp.AveragedLattice(packing).at_force(load, finite_overlap=load > 1e3)
-        phonons, lattice = gp.Phonons(state), contact_lattice(state)
+        phonons, lattice = gp.Phonons(state), state.contact_lattice()
         edges, points = (band_edges(lattice), 256) if lattice.n_balls == 1 else (gaps(lattice), 64)
         for mesh, exact in itertools.product((17, 64), [dict[int, float]()]):
             dos = phonons.dos((mesh, mesh))

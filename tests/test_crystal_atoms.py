@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.media.acoustics import contact_lattice
 from granphon.phonons.neighbours import PairList
 
 DIAMETER = 8e-3
@@ -451,7 +450,7 @@ def test_the_lattice_of_the_atoms_is_that_of_the_state(lattice, motions, finite_
     more = {} if finite_overlap else {"torsion": TORSION, "bending": BENDING}
     state = at_overlap(lattice, finite_overlap, relative=1e-3, motions=motions, **more)
     balls = gp.atoms(state)
-    found, own = balls.calc.contact_lattice(balls), contact_lattice(state)
+    found, own = balls.calc.contact_lattice(balls), state.contact_lattice()
     assert (found.motions, found.periods, found.dimension) == (own.motions, own.periods, own.dimension)
     assert found.cell.shape == own.cell.shape
     q = np.random.default_rng(0).normal(size=(3, own.periods))

@@ -27,7 +27,6 @@ import granphon as gp
 from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.acoustics import contact_lattice
 
 #: ratios of slip, twist and roll: shear alone, and all of them
 SHEAR, EVERY = (0.84, 0.0, 0.0), (0.84, 0.07, 0.03)
@@ -621,7 +620,7 @@ def test_finite_overlap_is_that_of_the_exact_energy_on_every_lattice(steel, name
     # without friction: second derivatives, at 40 digits, of U = (4/15) (1 - r)^(5/2)/rest^(1/2): stiffness 1 at rest
     packing = gp.Packing(steel, 8e-3, lattice=name, friction=False, motions="all")
     state = gp.AveragedLattice(packing).at_overlap(0.03 * 8e-3, finite_overlap=True)
-    lattice, (cell, places) = contact_lattice(state), crystal(name)
+    lattice, (cell, places) = state.contact_lattice(), crystal(name)
     rest = float(state.relative_overlap)
     q, count = np.array(GENERIC)[: len(cell)], len(places)
     expected = np.zeros((count, 3, count, 3), complex)

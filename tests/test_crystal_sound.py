@@ -15,7 +15,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError, InstabilityError, MechanismError, UnreachableFrequencyError
-from granphon.media.acoustics import contact_lattice
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of, find_all
 from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Validity
@@ -282,7 +281,7 @@ def test_velocities_in_any_direction_at_any_load_at_forty_digits(load, way, latt
 )  # fmt: skip
 def test_velocities_are_the_slopes_of_the_bands(make, lattice, more):
     state = make(lattice, 50.0, **more)
-    contacts = contact_lattice(state)
+    contacts = state.contact_lattice()
     along = np.random.default_rng(4).normal(size=(12, 3))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     unit = D * math.sqrt(state.normal_stiffness / state.packing.mass)
@@ -545,7 +544,7 @@ CRYSTALS = [
 @pytest.mark.parametrize(("lattice", "more"), CRYSTALS)
 def test_pulses_in_space_solve_the_dispersion_relation(make, lattice, more):
     state = make(lattice, 40.0, **more)
-    contacts = contact_lattice(state)
+    contacts = state.contact_lattice()
     rate = math.sqrt(state.normal_stiffness / state.packing.mass)
     along = np.random.default_rng(7).normal(size=(4, 3))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -590,7 +589,7 @@ def test_branches_that_coincide_are_both_followed(make, lattice, way):
 def test_slow_and_fast_keep_their_names_along_the_branch(make):
     # along [110] of fcc the slow wave moves along [1-10] and the fast one along z, which the mirrors keep apart
     state = make("fcc")
-    contacts, along = contact_lattice(state), np.array([1.0, 1.0, 0.0]) / math.sqrt(2.0)
+    contacts, along = state.contact_lattice(), np.array([1.0, 1.0, 0.0]) / math.sqrt(2.0)
     rate = math.sqrt(state.normal_stiffness / state.packing.mass)
     for part in (0.2, 0.6, 1.0):
         found = gp.pulse_velocities(state, part * rate / (2 * math.pi), (1, 1, 0))
@@ -646,7 +645,7 @@ def test_pulses_over_loads_and_frequencies_are_each_of_them(make, more):
 )  # fmt: skip
 def test_bending_waves_have_pulses(make, lattice, motions, names):
     state = make(lattice, motions=motions, torsion=0.1 if motions != "in_plane" else 0.0, bending=0.2)
-    contacts, rate = contact_lattice(state), math.sqrt(state.normal_stiffness / state.packing.mass)
+    contacts, rate = state.contact_lattice(), math.sqrt(state.normal_stiffness / state.packing.mass)
     along = np.array([0.8, 0.6])[: contacts.periods]
     along = along / np.linalg.norm(along)
     found = gp.pulse_velocities(state, 0.2 * rate / (2 * math.pi), along, branches=names)
@@ -724,7 +723,7 @@ def test_validity_in_every_dimension(make, lattice, more):
     states = make(lattice, np.array([1e-3, 1e6]), **more)
     found, material = gp.validity(states), states.packing.material
     assert_array_equal(found.ok, [True, False])
-    contacts = contact_lattice(states)
+    contacts = states.contact_lattice()
     rate = np.sqrt(states.normal_stiffness / states.packing.mass) / (2 * math.pi)
     assert_allclose(found["resonance"].value, contacts.top_frequency * rate / material.lowest_resonance(D), rtol=1e-13)
     if lattice == "diamond":  # a mechanism has no sound
@@ -884,7 +883,7 @@ def test_twist_wave_of_a_chain_is_the_slope_of_its_branch(lattice, torsion, moti
     assert found.twist.shape == (2,)
     assert gp.sound_velocities(state, [[1.0], [-1.0]]).twist.shape == (2, 2)
     for load, one in enumerate(found.twist):
-        lattice_of, units = contact_lattice(state[load]), state[load].scales
+        lattice_of, units = state[load].contact_lattice(), state[load].scales
         modes = lattice_of.modes([[1e-4]])
         turns = np.abs(modes.eigenvectors[0][lattice_of.motions.rotations.index(0) + len(lattice_of.motions.translations)])
         branch = int(np.argmax(np.where(modes.frequencies[0] < 0.5, turns, 0.0)))

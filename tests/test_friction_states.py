@@ -23,7 +23,6 @@ from granphon.base.errors import ConvergenceError, InputError, MechanismError, S
 from granphon.figures.bands import bands_figure
 from granphon.figures.sweep_lines import describe_lines
 from granphon.figures.sweeps import sweep_figure
-from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.scene.redraw import redraw
@@ -828,7 +827,7 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
     assert resolved == replace(given, source=resolved.source)
     assert yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())["packing"]["finite_overlap"] is True
     assert "finite overlap" in read_run(tmp_path / "out").state.facts["overlap"]
-    known = contact_lattice(result.state)
+    known = result.state.contact_lattice()
     monkeypatch.setattr(gp.DirectSimulation, "at", None)  # its asymptotes are drawn without simulating again
     drawn = []
 

@@ -12,7 +12,6 @@ from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
 from granphon.base.errors import InputError, InstabilityError, MechanismError
-from granphon.media.acoustics import contact_lattice
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -42,7 +41,7 @@ every_lattice = pytest.mark.parametrize(("lattice", "friction"), LATTICES)
 def test_frequencies_are_those_of_the_compatibility_matrix(lattice, friction, finite_overlap, q, poisson):
     state = at_overlap(lattice=lattice, friction=friction, poisson=poisson, finite_overlap=finite_overlap)
     ph = gp.Phonons(state)
-    direct = contact_lattice(state)
+    direct = state.contact_lattice()
     expected = direct.frequencies(direct.wavevectors(q)) * state.scales.frequency
     found = ph.frequencies(q)
     assert found.shape == (len(q), (3 if friction else 2) * len(ph.atoms))

@@ -15,7 +15,6 @@ from granphon.dynamics.local_field import local_field, local_field_on
 from granphon.dynamics.modes import ContactLattice
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import FORCE
-from granphon.media.acoustics import contact_lattice
 from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
 
 ROOT3 = math.sqrt(3.0)
@@ -204,7 +203,7 @@ def test_convergence_in_points():
 def test_against_tetrahedra(steel, friction, finite_overlap):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction))
     state = medium.at_force(5e3 if finite_overlap else 18.446, finite_overlap=finite_overlap)
-    phonons, lattice = gp.Phonons(state), contact_lattice(state)
+    phonons, lattice = gp.Phonons(state), state.contact_lattice()
     errors = []
     for size in (32, 128):
         dos = phonons.dos(mesh=(size, size), points=101)

@@ -7,7 +7,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.media.acoustics import ideal_lattice
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.phonons.paths import BandPath
 from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw

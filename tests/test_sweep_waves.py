@@ -8,7 +8,7 @@ import pytest
 import granphon as gp
 from granphon.balls.loads import Load
 from granphon.media import cost
-from granphon.media.acoustics import ideal_lattice
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import expected_files

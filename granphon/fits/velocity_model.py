@@ -33,8 +33,8 @@ from granphon.base.results import Result
 from granphon.base.text import closest
 from granphon.base.validation import require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
-from granphon.media.acoustics import contact_lattice, has_one_lattice, ideal_lattice
 from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
 from granphon.observables.pulses import pulse_velocities
@@ -95,9 +95,11 @@ class Waves(Result):
     def find_tops(self, state: ContactState) -> Array:
         """Return the highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
-        several = not has_one_lattice(state)
+        several = not state.loaded_lattice.is_one
         each = [state[n] for n in range(len(state.force))] if several else [state]
-        reduced = np.array([follow_acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each])
+        reduced = np.array(
+            [follow_acoustic_branches(one.contact_lattice(), self.direction)[self.branch].top for one in each]
+        )
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
         return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
 

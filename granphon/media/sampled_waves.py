@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
 from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
-from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.sample_means import SampleMeans
 
 __all__ = ["SampledWaves"]
@@ -68,7 +67,9 @@ class SampledWaves(SampleMeans):
         if not self._is_isotropic_plane:
             tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
             return waves_of_tensor(tensor, along)
-        velocities = over_directions(compute_velocities(bulk_and_shear(tensor), density), along)
+        velocities = _compute_velocities(bulk_and_shear(tensor), density)
+        if along.ndim > 1:
+            velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         vectors = np.stack([along, across], axis=-1)
         return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
@@ -83,4 +84,14 @@ class SampledWaves(SampleMeans):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        return sample_scales(self, direction, names)
+        found, order = self.long_waves(direction), self.wave_names
+        ideal = self.loaded_lattice.find_reduced_velocities(direction)
+        return [np.asarray(found[..., i] / ideal[..., i]) for i in (order.index(n) for n in names)]
+
+
+def _compute_velocities(moduli: Array, density: ArrayLike) -> Array:
+    """Return v_L and v_T, (..., 2), m/s, from K and G, (..., 2), Pa, and the density, kg/m^3 (equation 16)."""
+    bulk, shear = np.moveaxis(moduli, -1, 0)
+    # a sample that resists no shear has a modulus of zero, to rounding
+    shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
+    return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))

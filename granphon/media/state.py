@@ -18,19 +18,12 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
+from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.tensors import has_cubic_axes
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.acoustics import (
-    contact_lattice,
-    find_overlap_of_equal_balls,
-    lattice_scales,
-    lattice_tensor,
-    lattice_twist,
-    lattice_waves,
-    lattice_without_overlap,
-)
+from granphon.media.loaded_lattice import LoadedLattice
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -235,7 +228,12 @@ class ContactState(Result):
     @property
     def stiffness_ratio(self) -> Values:
         """Normal stiffness k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
-        return _unwrap_scalars(self.normal_stiffness / self.packing.law.stiffness(self.once(find_overlap_of_equal_balls)))
+        return _unwrap_scalars(self.normal_stiffness / self.packing.law.stiffness(self.overlap_of_equal_balls))
+
+    @cached_property
+    def overlap_of_equal_balls(self) -> Array:
+        """Overlap of equal balls at the mean force, m: where balls differ the mean overlap may be negative."""
+        return np.asarray(self.packing.law.overlap(self.force))
 
     @property
     def exponent(self) -> Values:
@@ -327,6 +325,22 @@ class ContactState(Result):
         """Number of samples over which the state is a mean; 0 if the contacts follow from a law."""
         return 0
 
+    @cached_property
+    def loaded_lattice(self) -> LoadedLattice:
+        """The lattice of equal contacts with the force and stiffness of each load, from which sound waves follow."""
+        force, stiffness = self.force, self.normal_stiffness
+        return LoadedLattice(self.packing, force, stiffness, self.relative_overlap, self.finite_overlap)
+
+    def contact_lattice(self) -> ContactLattice:
+        """Return the lattice of contacts, in reduced units.
+
+        With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a; then, and with the torsion of a
+        Hertz contact, it is that of a single load: :class:`~granphon.base.errors.InputError` for several.
+        """
+        if not self.loaded_lattice.is_one:
+            _ = self.scales  # raises InputError
+        return self.loaded_lattice.contacts
+
     @property
     def elastic_tensor(self) -> Array:
         """Elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane, (..., 6, 6) in space.
@@ -335,12 +349,12 @@ class ContactState(Result):
 
         With finite overlap its entries are the coefficients between Cauchy stress and strain under the static pressure.
         """
-        return lattice_tensor(self)
+        return self.loaded_lattice.elastic_tensor
 
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
-        lattice = lattice_without_overlap(self)
+        lattice = self.loaded_lattice.without_overlap
         return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
 
     @property
@@ -371,7 +385,7 @@ class ContactState(Result):
         if self.samples:
             what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
             raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
-        lattice, structure, units = contact_lattice(self), self.packing.structure, self.scales
+        lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
         one = lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
         return one.repeat(shape)
@@ -379,7 +393,7 @@ class ContactState(Result):
     @property
     def wave_names(self) -> tuple[str, ...]:
         """Names of the long waves, in the order of :meth:`long_waves`."""
-        return lattice_without_overlap(self).wave_names
+        return self.loaded_lattice.without_overlap.wave_names
 
     def long_waves(self, direction: ArrayLike) -> Array:
         """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
@@ -394,7 +408,7 @@ class ContactState(Result):
 
         These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
         """
-        return lattice_waves(self, direction)
+        return self.loaded_lattice.find_waves(direction)
 
     @property
     def twist_velocity(self) -> Values | None:
@@ -402,7 +416,8 @@ class ContactState(Result):
 
         It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I of a ball.
         """
-        return lattice_twist(self) if lattice_without_overlap(self).runs_twist else None
+        lattice = self.loaded_lattice
+        return lattice.twist_velocity if lattice.without_overlap.runs_twist else None
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None of fewer than two."""
@@ -410,7 +425,7 @@ class ContactState(Result):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
-        return [lattice_scales(self, direction)] * len(names)
+        return [self.loaded_lattice.repeat_scale(direction)] * len(names)
 
     def _fill_shape(self, value: Any) -> Values:
         return np.full(self.shape, value) if self.shape else value

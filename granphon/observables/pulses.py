@@ -14,7 +14,6 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.base.results import Result
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.state import ContactState, with_keyword
 from granphon.observables.validity import validity
 from granphon.observables.velocities import choose_direction
@@ -130,14 +129,14 @@ def pulse_velocities(
     # in the paper's limit all loads share one dispersion relation; with finite overlap, or the torsion of a Hertz contact,
     # each load has its own
     parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
-    if not has_one_lattice(state):
+    if not state.loaded_lattice.is_one:
         loads = np.broadcast_to(np.arange(np.size(state.force)).reshape(state.shape), shape).ravel().tolist()
         each = [state[np.unravel_index(load, state.shape)] for load in range(np.size(state.force))]
         parts = [(each[load], slice(index, index + 1)) for index, load in enumerate(loads)]
     wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, periods))
     for part, here in parts:
         wavenumber[:, here], vector[:, here] = _find_wavenumbers(
-            contact_lattice(part), many, names, target[:, here], units[:, here]
+            part.contact_lattice(), many, names, target[:, here], units[:, here]
         )
     group = np.sum(vector * many, axis=-1)
     phase = (target / wavenumber).reshape(scale.shape) * scale

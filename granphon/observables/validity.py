@@ -16,14 +16,8 @@ from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
 from granphon.base.scales import prefixed
-from granphon.media.acoustics import (
-    find_overlap_of_equal_balls,
-    has_one_lattice,
-    ideal_lattice,
-    lattice_without_overlap,
-    velocity_scale,
-)
 from granphon.media.left_out import LEFT_OUT_LIMIT, expect_shear_deficit, find_left_out
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, with_keyword
 from granphon.networks.network import ContactNetwork
@@ -282,8 +276,8 @@ def _find_top_frequencies(state: ContactState) -> Any:
     Where the torsion depends on the load, the square is interpolated between none and the largest torsion. It is a convex
     function, so that the result is not below the top frequency.
     """
-    lattice, torsion = lattice_without_overlap(state), np.asarray(state.torsion)
-    if has_one_lattice(state) or np.ptp(torsion) == 0.0:
+    lattice, torsion = state.loaded_lattice.without_overlap, np.asarray(state.torsion)
+    if state.loaded_lattice.is_one or np.ptp(torsion) == 0.0:
         return lattice.top_frequency
     ends = [ideal_lattice(state.packing).top_frequency ** 2, lattice.top_frequency**2]
     return np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
@@ -291,8 +285,8 @@ def _find_top_frequencies(state: ContactState) -> Any:
 
 def _compute_validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
-    lattice = lattice_without_overlap(state)
-    radius = np.asarray(contact_radius_ratio(state.once(find_overlap_of_equal_balls), d))
+    lattice = state.loaded_lattice.without_overlap
+    radius = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
     values = {
         "contact_radius": radius,
         # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
@@ -303,7 +297,7 @@ def _compute_validity(state: ContactState) -> Validity:
         bulk = [material.longitudinal_velocity if name == "longitudinal" else material.transverse_velocity for name in names]
         values["velocity"] = np.max(v / bulk, axis=(-2, -1))
     top = _find_top_frequencies(state)
-    values["resonance"] = top * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
+    values["resonance"] = top * state.loaded_lattice.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if (deficit := state.shear_deficit) is not None:

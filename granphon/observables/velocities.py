@@ -14,7 +14,6 @@ from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
-from granphon.media.acoustics import lattice_without_overlap
 from granphon.media.state import ContactState, given_state, with_keyword
 from granphon.observables.validity import validity
 
@@ -197,7 +196,7 @@ def warn_of_free_branches(state: ContactState, velocities: Array) -> tuple[str, 
     A wave across a row or a layer has no velocity because it bends, or because nothing resists it; so only where one of the
     ``velocities`` is zero are branches counted.
     """
-    return lattice_without_overlap(state).free_branch_warnings if np.any(velocities == 0.0) else ()
+    return state.loaded_lattice.without_overlap.free_branch_warnings if np.any(velocities == 0.0) else ()
 
 
 def choose_direction(state: ContactState, direction: ArrayLike | None, what: str, isotropic: bool) -> Array:

@@ -23,7 +23,6 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState, with_keyword
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
@@ -97,7 +96,7 @@ class Phonons:
             cell[open_axes] -= cell[open_axes] @ np.linalg.pinv(along) @ along
         # one cell of the lattice has the contacts of the state, so no search is needed
         self.lattice: ContactLattice = (
-            contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
+            state.contact_lattice() if atoms is None else self.calculator.contact_lattice(self.atoms)
         )
         if not self.lattice.measure > 0.0:
             raise InputError(

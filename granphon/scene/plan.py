@@ -23,11 +23,11 @@ from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, MechanismError, message
 from granphon.laws.cluster import ClusterLaw
 from granphon.media import cost as costs
-from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.media.cases import Case, Grid
 from granphon.media.choice import MediumChoice, Rung
 from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import Cost
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
@@ -107,7 +107,7 @@ class PlannedCase:
                 if isinstance(medium, DirectSimulation):
                     medium.require(self.case.load[index])
                     continue
-                contact_lattice(self._find_state(index) if index else self.state)
+                (self._find_state(index) if index else self.state).contact_lattice()
         return True
 
     def require_start(self, most: float) -> float:
@@ -399,7 +399,7 @@ class Plan:
         waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
         for force in costs.find_typical_force(packing, load).tolist():
             ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
-            top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
+            top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
             half = 0.5 * _MOMENTS  # each product gives two moments
             products, heard, readings = 20.0 * half * samples * wanted.dos, 0.0, 0.0
             if (spectrum := wanted.spectrum) is not None:

@@ -134,7 +134,7 @@ def _draw_spectra(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of a run; no array is simulated again."""
     # imported here, as a figure without asymptotes does not need the media
-    from granphon.media.acoustics import contact_lattice, ideal_lattice
+    from granphon.media.loaded_lattice import ideal_lattice
     from granphon.media.state import ContactState
     from granphon.scene.scene import Scene
 
@@ -142,8 +142,8 @@ def _find_lattice(source: Path) -> ContactLattice:
     if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
         return ideal_lattice(scene.packing)
     if not scene.media[0].is_exact:
-        return contact_lattice(scene.state())
+        return scene.state().contact_lattice()
     found = parse_yaml(read_text(source / "summary.yaml"), "summary.yaml").data
     numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
     medium, law = scene.media[0].name, scene.packing.law
-    return contact_lattice(ContactState(scene.packing, medium, law, **numbers, finite_overlap=True))
+    return ContactState(scene.packing, medium, law, **numbers, finite_overlap=True).contact_lattice()

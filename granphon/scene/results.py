@@ -13,7 +13,6 @@ from granphon.array.pressed_sample import PressedSample
 from granphon.base.errors import MechanismError
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import LocalField
-from granphon.media.acoustics import lattice_without_overlap
 from granphon.media.choice import Rung
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all, warn_of_missing_error
@@ -95,7 +94,7 @@ class RunResult(Summarised):
     def mechanism(self) -> MechanismError | None:
         """The error that the velocities of a mechanism raise; None if the lattice is rigid."""
         try:
-            lattice_without_overlap(self.state).require_rigid()
+            self.state.loaded_lattice.without_overlap.require_rigid()
         except MechanismError as error:
             return error
         return None

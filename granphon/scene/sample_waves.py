@@ -15,7 +15,6 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
-from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra, find_path_spectra
@@ -140,7 +139,7 @@ def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> 
         with progress.step("spectrum"):
             settings, path = scene.spectrum, scene.path
             spectra = find_path_spectra(
-                waves, contact_lattice(state), state.scales, path.arrays, path.names,
+                waves, state.contact_lattice(), state.scales, path.arrays, path.names,
                 points=settings.points, polarisations=settings.polarisation, resolution=settings.resolution,
             )  # fmt: skip
     if "pulse" in wanted and scene.pulse is not None:

@@ -21,7 +21,6 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.results import plain
-from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.cases import Case
 from granphon.media.choice import MediumChoice, Rung
 from granphon.media.cost import estimate
@@ -350,7 +349,7 @@ def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tu
     dispersion relation serves all loads, unless the torsion is that of a Hertz contact.
     """
     loads = [state[i] for i in range(len(state.force))]
-    lattices = [contact_lattice(one) for one in (loads[:1] if has_one_lattice(state) else loads)]
+    lattices = [one.contact_lattice() for one in (loads[:1] if state.loaded_lattice.is_one else loads)]
     paths = [one.wavevectors(qpoints.reshape(-1, 3)) for one in lattices]
     rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
     hertz = np.array([one.scales.frequency for one in loads])

@@ -9,9 +9,9 @@ import numpy as np
 
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError
-from granphon.media.acoustics import ideal_lattice
 from granphon.media.choice import Rung
 from granphon.media.cost import find_typical_force
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.networks.network import ContactNetwork

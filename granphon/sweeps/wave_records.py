@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import Sample, standard_error
 from granphon.base.errors import GranphonError, InputError
-from granphon.media.acoustics import ideal_lattice
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.waves.lines import find_ioffe_regel
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.sending import Sending, transmit

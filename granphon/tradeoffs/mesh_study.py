@@ -14,7 +14,6 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.progress import Step
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.acoustics import contact_lattice
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, Study, leave_out
@@ -66,7 +65,7 @@ class MeshStudy(Study):
     @property
     def lattice(self) -> ContactLattice:
         """The lattice of contacts of that state."""
-        return contact_lattice(self.state)
+        return self.state.contact_lattice()
 
     @cached_property
     def edges(self) -> Array:

@@ -18,7 +18,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.accuracy import REST, Truth
-from granphon.media.acoustics import ideal_lattice
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.tradeoffs.disorder import Disorder
 from granphon.tradeoffs.ensemble import QUANTITIES
