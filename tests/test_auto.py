@@ -23,7 +23,6 @@ from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
 from granphon.media.choice import MediumChoice, _sort_options, read_medium
-from granphon.media.ladder import expected_error
 from granphon.media.left_out import expect_shear_deficit
 from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene
@@ -89,7 +88,7 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
     loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
     tolerance = 10.0**exponent
     options = _sort_options(packing, Load(kind, loads))
-    errors = np.array([expected_error(one, packing, Load(kind, loads)) for one in options])
+    errors = np.array([one.expected_error(packing, Load(kind, loads)) for one in options])
     within = errors <= tolerance
     medium = gp.AutoMedium(packing, tolerance)
     if not np.all(np.any(within, axis=0)):
@@ -164,7 +163,7 @@ def test_on_a_line_every_medium_is_exact(rough, unit):
 def test_no_medium_has_an_error_where_all_are_exact(rough, unit, word):
     load = Load("force", [0.01 * unit, unit])
     for exact in (replace(rough, lattice="chain"), replace(rough, spread=None)):
-        assert_array_equal(expected_error(read_medium(word), exact, load), np.zeros(2))
+        assert_array_equal(read_medium(word).expected_error(exact, load), np.zeros(2))
 
 
 @pytest.mark.exhaustive
@@ -256,7 +255,7 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
         gp.AutoMedium(rough, 1e-5).rungs("force", loads)
     best = min(
-        float(expected_error(one, rough, Load("force", loads[1]))) for one in _sort_options(rough, Load("force", loads))
+        float(one.expected_error(rough, Load("force", loads[1]))) for one in _sort_options(rough, Load("force", loads))
     )
     assert f"{best:.2g}, of a simulation of 1,048,576 balls" in str(error.value)
     assert error.value.load_index == 1
@@ -312,7 +311,7 @@ def test_every_load_of_a_sweep_has_its_own_choice(rough, unit):
     # another medium beside it has its own error
     other = ds.sel(medium="ema")
     assert set(other["choice"].values.tolist()) == {"ema"}
-    assert_array_equal(other["expected_error"], expected_error(MediumChoice("ema"), rough, Load("force", forces)))
+    assert_array_equal(other["expected_error"], MediumChoice("ema").expected_error(rough, Load("force", forces)))
     assert "contact_force_fluctuation" not in ds
 
 
@@ -453,7 +452,7 @@ def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit,
     loads = {"force": unit, "pressure": pressure, "overlap": rough.width}[kind]
     loads = loads * (np.array([0.1, 0.3, 0.8]) if kind == "overlap" else np.array([0.06, 0.3, 2.0]))
     options = _sort_options(packing, Load(kind, loads), truth)
-    errors = np.array([expected_error(one, packing, Load(kind, loads), truth) for one in options])
+    errors = np.array([one.expected_error(packing, Load(kind, loads), truth) for one in options])
     media = set()
     for tolerance in (0.2, 0.05, 0.01, 2e-3):
         found = gp.AutoMedium(packing, tolerance, **HISTORY).rungs(kind, loads)
@@ -469,17 +468,17 @@ def test_a_simulation_without_friction_is_off_by_its_chance_and_by_what_friction
     load = Load("force", np.array([0.1, 1.0]) * unit)
     truth = gp.AutoMedium(rough, **HISTORY).truth
     rest, loaded = (MediumChoice.parse({"simulation": {"shape": (32, 32), **more}}) for more in ({}, HISTORY))
-    friction, chance = accuracy().error("frictionless", rough, load, truth=truth), expected_error(rest, rough, load)
+    friction, chance = accuracy().error("frictionless", rough, load, truth=truth), rest.expected_error(rough, load)
     # the arrays of the table had another W/d, and leave out another part of half of the shear modulus
     own, known = (expect_shear_deficit(rough, load, True, ratio) for ratio in (None, accuracy().ratio(rough, truth)))
     apart = friction + chance + 0.5 * np.abs(own - known)
-    assert_allclose(expected_error(rest, rough, load, truth), apart, rtol=1e-12)
-    assert_array_equal(expected_error(loaded, rough, load, truth), accuracy().error("simulation", rough, load, 1024, truth))
+    assert_allclose(rest.expected_error(rough, load, truth), apart, rtol=1e-12)
+    assert_array_equal(loaded.expected_error(rough, load, truth), accuracy().error("simulation", rough, load, 1024, truth))
     # one that is loaded in another way, or is compared with arrays at rest without friction, has no known error
     for other in ({"friction_coefficient": 0.3}, {"shear_response": "slide"}, {"start": 0.6}, {"ordered": True}):
         one = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY, **other}})
-        assert np.all(np.isinf(expected_error(one, rough, load, truth)))
-    assert np.all(np.isinf(expected_error(loaded, rough, load)))
+        assert np.all(np.isinf(one.expected_error(rough, load, truth)))
+    assert np.all(np.isinf(loaded.expected_error(rough, load)))
 
 
 def test_the_options_of_a_history_are_read_from_the_truth(rough):
@@ -528,7 +527,7 @@ def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
     with pytest.raises(InputError, match="shear_response"):
         replace(auto, shear_response="slip")
     # if no medium serves both loads, the largest sample of the truth does
-    best = expected_error(auto.serving("force", 100.0 * unit), rough, Load("force", 100.0 * unit), auto.truth)
+    best = auto.serving("force", 100.0 * unit).expected_error(rough, Load("force", 100.0 * unit), auto.truth)
     assert np.isfinite(best)
 
 

@@ -11,7 +11,6 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media.choice import MEDIA, OPTIONS, MediumChoice
-from granphon.media.ladder import expected_error
 
 CLASSES = {
     "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
@@ -122,13 +121,13 @@ def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(st
     # that of a simulation is of all its balls
     several = MediumChoice.parse({"simulation": {"shape": (8, 16), "samples": 3}})
     expected = accuracy().error("simulation", packing, Load("force", loads), 3 * 8 * 16)
-    assert np.array_equal(expected_error(several, packing, Load("force", loads)), expected)
+    assert np.array_equal(several.expected_error(packing, Load("force", loads)), expected)
 
 
 def test_of_the_paper_s_local_field_nothing_is_known(steel):
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     choice = MediumChoice.parse({"ema": {"local_field": "paper"}})
-    assert expected_error(choice, packing, Load("force", [10.0, 20.0])).tolist() == [np.inf, np.inf]
+    assert choice.expected_error(packing, Load("force", [10.0, 20.0])).tolist() == [np.inf, np.inf]
 
 
 def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):

@@ -12,7 +12,6 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.cli.commands import main
 from granphon.media.choice import MediumChoice
-from granphon.media.ladder import expected_error
 from granphon.media.left_out import EXACT, LATTICE, choose_geometries, expect_shear_deficit
 from granphon.media.typical_arrays import estimate_open_contacts
 
@@ -158,7 +157,7 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
     shape = ("shape", (1024, 1024))
     by_word = [MediumChoice("simulation", (shape, ("geometry", word))) for word in (LATTICE, EXACT)]
     lattice, exact, chosen = (
-        float(expected_error(one, REAL, load)) for one in (*by_word, MediumChoice("simulation", (shape,)))
+        float(one.expected_error(REAL, load)) for one in (*by_word, MediumChoice("simulation", (shape,)))
     )
     deficit = float(expect_shear_deficit(REAL, load)[0])
     assert deficit > 0.02
@@ -166,7 +165,7 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
     assert_allclose(lattice - exact, 0.5 * deficit, rtol=1e-12)
     # the truth has true directions: those of the medium are as far from it
     wide, fine = (
-        float(expected_error(MediumChoice("ema"), narrow(r), Load("force", 0.01 * unit(narrow(r))))) for r in (1e-3, 1e-9)
+        float(MediumChoice("ema").expected_error(narrow(r), Load("force", 0.01 * unit(narrow(r))))) for r in (1e-3, 1e-9)
     )
     assert wide > fine + 0.04
 

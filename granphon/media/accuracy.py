@@ -28,7 +28,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,11 @@ class Truth:
 
     friction_coefficient: float | None = None
     shear_response: str = SHEAR_RESPONSES[0]
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> Self:
+        """Return the arrays that options of a medium name: loaded with friction with a coefficient, else at rest without."""
+        return cls(options.get("friction_coefficient"), options.get("shear_response", cls.shear_response))
 
     @property
     def is_loaded(self) -> bool:

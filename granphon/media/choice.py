@@ -17,14 +17,14 @@ from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import REST, Truth, read_truth
 from granphon.media.cluster import ClusterMedium
-from granphon.media.ladder import expected_error, list_rungs, require_known, require_within, sort_by_time
+from granphon.media.ladder import expected_error, list_rungs, require_known, require_within
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.media.loading import HISTORY_OPTIONS, START_SPACING, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
-from granphon.media.sizes_and_times import MOMENT, solving_time
+from granphon.media.sizes_and_times import MOMENT, rough_time, solving_time
 from granphon.media.state import ContactState, read_finite_overlap
 
 __all__ = [
@@ -139,7 +139,7 @@ class AutoMedium(Loaded[ContactState]):
         """
         require_known(self.packing, self.truth)
         options = _sort_options(self.packing, load, self.truth)
-        errors = np.array([expected_error(option, self.packing, load, self.truth) for option in options])
+        errors = np.array([option.expected_error(self.packing, load, self.truth) for option in options])
         require_within(self.tolerance, errors, self.packing, load, self.truth)
         return options, errors
 
@@ -232,8 +232,14 @@ class MediumChoice:
     @property
     def truth(self) -> Truth:
         """The simulated arrays that it names: loaded with friction if it has a history, otherwise at rest without."""
-        found = self.settings
-        return Truth(found.get("friction_coefficient"), found.get("shear_response", REST.shear_response))
+        return Truth.of(self.settings)
+
+    def expected_error(self, packing: Packing, load: Load, against: Truth = REST) -> Array:
+        """Return the expected relative error of velocities and frequencies, with the shape of the load.
+
+        It is +inf where the error is not known; see :func:`~granphon.media.ladder.expected_error`.
+        """
+        return expected_error(self.name, dict(self.options), packing, load, against)
 
     @property
     def simulates(self) -> bool:
@@ -342,7 +348,7 @@ class Rung:
 
         It is found when it is first asked for: a scene that names its medium does not need it.
         """
-        return expected_error(self.medium, self.packing, self.load, self.truth).ravel()
+        return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
 
 def _list_options(packing: Packing, against: Truth) -> list[MediumChoice]:
@@ -352,7 +358,7 @@ def _list_options(packing: Packing, against: Truth) -> list[MediumChoice]:
 
 def _sort_options(packing: Packing, load: Load, against: Truth = REST) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
-    return sort_by_time(_list_options(packing, against), packing, load)
+    return sorted(_list_options(packing, against), key=lambda one: rough_time(one.of(packing), load))
 
 
 def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:

@@ -7,8 +7,8 @@ sorted by rough times (:mod:`granphon.media.sizes_and_times`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,9 @@ from granphon.media.equilibria import reduce_load
 from granphon.media.left_out import EXACT, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
-from granphon.media.sizes_and_times import SIDES, even_shape, rough_time
+from granphon.media.sizes_and_times import SIDES, even_shape
 
-if TYPE_CHECKING:  # a choice may be that of an automatic medium, which is made of this ladder
-    from granphon.media.choice import MediumChoice
-
-__all__ = ["expected_error", "list_rungs", "require_known", "require_within", "sort_by_time"]
+__all__ = ["expected_error", "list_rungs", "require_known", "require_within"]
 
 Array = NDArray[np.float64]
 #: the options of a simulation that change which samples of a truth it takes, and how many
@@ -45,13 +42,10 @@ def list_rungs(packing: Packing, against: Truth = REST) -> list[tuple[str, dict[
     return laws + [(DirectSimulation.name, {"shape": shape, **truth.options}) for truth in truths for shape in shapes]
 
 
-def sort_by_time(choices: Iterable[MediumChoice], packing: Packing, load: Load) -> list[MediumChoice]:
-    """Return the choices, sorted by the rough time of their media at an applied load."""
-    return sorted(choices, key=lambda choice: rough_time(choice.of(packing), load))
-
-
-def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: Truth = REST) -> Array:
+def expected_error(name: str, options: Mapping[str, Any], packing: Packing, load: Load, against: Truth = REST) -> Array:
     """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
+
+    The medium has a name, and ``options`` that are not at their defaults.
 
     It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
     every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays that
@@ -64,16 +58,16 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: 
     if not packing.spread_matters:
         return np.zeros(load.shape)
     deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
-    known, own = accuracy(), choice.truth
-    loaded_otherwise = own.is_loaded and not _takes_samples_of(choice, against)
-    if choice.name not in known.media() or choice.settings.get("local_field") == "paper" or loaded_otherwise:
+    known, own = accuracy(), Truth.of(options)
+    loaded_otherwise = own.is_loaded and not _takes_samples_of(options, against)
+    if name not in known.media() or options.get("local_field") == "paper" or loaded_otherwise:
         return np.full(load.shape, np.inf)
-    medium = choice.of(packing)
     ratio = known.ratio(packing, against)
     elsewhere = 0.5 * np.abs(deficit - expect_shear_deficit(packing, load, against.is_loaded, ratio).reshape(load.shape))
-    if not isinstance(medium, DirectSimulation):
-        return known.error(choice.name, packing, load, truth=against) + elsewhere
-    chance = known.error(choice.name, packing, load, medium.balls * medium.samples, own)
+    if name != DirectSimulation.name:
+        return known.error(name, packing, load, truth=against) + elsewhere
+    medium = DirectSimulation(packing, **options)
+    chance = known.error(name, packing, load, medium.balls * medium.samples, own)
     if own == against:
         return chance + 0.5 * find_left_out(deficit, medium.geometry)
     rest = expect_shear_deficit(packing, load).reshape(load.shape)
@@ -81,11 +75,10 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load, against: 
     return apart + chance + 0.5 * find_left_out(rest, medium.geometry)
 
 
-def _takes_samples_of(choice: MediumChoice, against: Truth) -> bool:
+def _takes_samples_of(options: Mapping[str, Any], against: Truth) -> bool:
     """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
-    given = dict(choice.options)
-    exact = given.pop("geometry", EXACT) == EXACT
-    return choice.truth == against and exact and given.keys() <= {*_SAMPLE_OPTIONS, *against.options}
+    exact = options.get("geometry", EXACT) == EXACT
+    return Truth.of(options) == against and exact and options.keys() <= {"geometry", *_SAMPLE_OPTIONS, *against.options}
 
 
 def require_known(packing: Packing, against: Truth) -> None:
