@@ -16,7 +16,7 @@ import numpy as np
 import packings
 from numpy.typing import NDArray
 
-from granphon.array.history import PressedArray
+from granphon.array.pressing import PressedArray
 from granphon.array.stencils import Stencils
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ def kick(paths, state, far):
     """A state of the same overlap whose balls are away from rest, by ``far`` W in some directions, and do not turn."""
     moved = state.balls.reshape(paths.stencils.n_balls, -1, *paths.stencils.shape)[:, paths.stencils.motions.translating]
     rng = np.random.default_rng(0)
-    return paths.place(moved + far * rng.uniform(-1.0, 1.0, moved.shape), state.overlap)
+    return paths.stepper.place(moved + far * rng.uniform(-1.0, 1.0, moved.shape), state.overlap)
 
 
 @pytest.mark.parametrize(
@@ -34,10 +34,10 @@ def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, s
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]
         load = Prescribed(force=here.force * (1.0 + 2.0 * step)) if by_force else Prescribed(overlap=here.overlap + step)
-        direct, slow = paths.step(trail, load), give_way(paths, trail, load)
+        direct, slow = paths.step(trail, load), give_way(paths.stepper, trail, load)
         assert slow is not None
         assert slow.residual <= 1e-9
-        assert paths.measure(slow, load) == pytest.approx(paths.measure(direct, load), rel=1e-12)
+        assert paths.stepper.measure(slow, load) == pytest.approx(paths.stepper.measure(direct, load), rel=1e-12)
         off.append(np.max(np.abs(slow.contacts.forces - direct.contacts.forces)) / here.force)
         taken.append((slow.damped - here.damped) / (slow.work - here.work))
         assert taken[-1] > 0.0
@@ -54,7 +54,7 @@ def test_balls_that_fall_come_to_rest_and_lose_what_they_do_not_store(lattice, m
     paths = history((6, 6) if lattice is TRIANGULAR else (3, 3, 2), mu, lattice=lattice, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.2)
     load = Prescribed(overlap=here.overlap)
-    after = give_way(paths, [here], load)
+    after = give_way(paths.stepper, [here], load)
     assert after is not None
     assert after.residual <= 1e-9
     assert after.work == 0.0
@@ -67,10 +67,10 @@ def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
     paths = history((4, 4), 0.2, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.1)
     load = Prescribed(overlap=here.overlap)
-    after, slow = give_way(paths, [here], load), here
+    after, slow = give_way(paths.stepper, [here], load), here
     for drag in (*[1.0] * 40, *[0.3] * 40, *[0.1] * 200):
-        slow = paths.settle([slow], load, drag)
-    slow = paths.settle([slow], load, 0.0)
+        slow = paths.stepper.settle([slow], load, drag)
+    slow = paths.stepper.settle([slow], load, 0.0)
     assert after.force == pytest.approx(slow.force, rel=1e-3)
     assert here.force > 1.05 * slow.force
     assert after.damped == pytest.approx(slow.damped, rel=3e-2)

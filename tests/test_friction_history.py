@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from scipy.optimize import root
 from test_stencils import Explicit, cartesian
 
 import granphon as gp
-from granphon.array import coupling, friction, gas, linear_step, load_step
+from granphon.array import coupling, friction, gas, linear_step, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
@@ -339,7 +340,7 @@ def test_an_array_in_space_is_in_balance_and_keeps_its_energy():
 
 def press_at(paths, state):
     """The force of the boundary on dy, a mean over contacts."""
-    return paths._locate(state).press(state.contacts.forces, state.contacts.shears)
+    return paths.stepper.locate(state).press(state.contacts.forces, state.contacts.shears)
 
 
 def follow_boundary(paths, turns, steps):
@@ -614,9 +615,10 @@ def begin_step(mu, side=8):
     """A step from an array that has been pressed, to the load at which it stands."""
     paths = history((side, side), mu, seed=1)
     here = run(paths, ramp(0.5, 0.7, steps=3))[-1]
-    place = paths._geometry.place(here.balls, here.overlap)
+    steps = paths.stepper
+    place = steps.geometry.place(here.balls, here.overlap)
     load = Prescribed(overlap=here.overlap)
-    return load_step.LoadStep(paths._geometry, paths._law, here, place, load, paths._patches), here
+    return load_step.LoadStep(steps.geometry, steps.law, here, place, load, Patches(steps.geometry.stencils)), here
 
 
 @settings(max_examples=50)
@@ -816,14 +818,15 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
     """Their own work, stiffness times the square of the motion in a step, is not what the energy is found from."""
     off = []
     for finer in (1, 2, 4):  # equally viscous dashpots resist a shorter step more
-        paths = history(shape, 0.3, lattice=lattice, start="gas", drag=finer * gas.DRAG)
+        paths = history(shape, 0.3, lattice=lattice, start="gas")
+        damped = replace(paths.stepper, drag=finer * gas.DRAG)
         first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
-        here, taken = paths.place(np.zeros((2, *shape)), first), 0.0
+        here, taken = damped.place(np.zeros((2, *shape)), first), 0.0
         for _ in range(36 * finer):
-            before, here = here, paths.step([here], Prescribed(overlap=here.overlap + gas.STEP / finer))
+            before, here = here, damped.step([here], Prescribed(overlap=here.overlap + gas.STEP / finer))
             loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
             slip = here.contacts.slips - before.contacts.slips
-            taken += paths.drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
+            taken += damped.drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
         assert here.force > 0.01
         assert here.work - here.dissipated == pytest.approx(here.stored, rel=1e-9)
         off.append(abs(here.damped / taken - 1.0))
@@ -898,8 +901,8 @@ def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, nam
     states = history((6, 6), 0.2).path([Prescribed(overlap=0.05), load])
     assert next(states).overlap == 0.05
     monkeypatch.setattr(load_step, "_NEWTON_STEPS", 0)
-    monkeypatch.setattr(module, "PATIENT", load_step.Lags(0, 0, 0.0, 1))
-    monkeypatch.setattr(module, "_MOST_HALVINGS", 1)
+    monkeypatch.setattr(stepper, "PATIENT", load_step.Lags(0, 0, 0.0, 1))
+    monkeypatch.setattr(stepper, "MOST_HALVINGS", 1)
     with pytest.raises(ConvergenceError, match=name + r".*was last at an overlap of .*, f\* = ") as caught:
         next(states)
     assert caught.value.reached.overlap >= 0.05
@@ -922,7 +925,7 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
         return falls * trail[-1].force * (0.9e-6 if end - start < 0.02 else 2e-6), [(0.0, 0.0)] * steps
 
     monkeypatch.setattr(paths, "_compare", fall)
-    monkeypatch.setattr(module, "_MOST_HALVINGS", 4)
+    monkeypatch.setattr(module, "MOST_HALVINGS", 4)
     loads = [Prescribed(overlap=0.2)]
     if ends:
         with pytest.raises(ConvergenceError, match="Halving the step still changes"):
@@ -932,7 +935,7 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
 
 
 def test_a_refinement_without_end_names_the_load(monkeypatch):
-    monkeypatch.setattr(module, "_MOST_HALVINGS", 1)
+    monkeypatch.setattr(module, "MOST_HALVINGS", 1)
     with pytest.raises(ConvergenceError, match="Halving the step still changes"):
         run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
 

@@ -18,6 +18,7 @@ import granphon as gp
 from granphon.array.equilibrium import Prescribed
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
+from granphon.array.stepper import Stepper
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
 from granphon.figures.bands import bands_figure
@@ -872,14 +873,14 @@ def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
 
 def end_at(monkeypatch, overlap):
     """Let each step of a loading to less than this overlap (W) fail."""
-    step = LoadingHistory.step
+    step = Stepper.step
 
-    def fail(self, trail, load):
+    def fail(self, trail, load, *more):
         if load.overlap is not None and load.overlap < overlap:
-            raise self._explain(load, "it falls apart")
-        return step(self, trail, load)
+            raise self.explain(load, "it falls apart")
+        return step(self, trail, load, *more)
 
-    monkeypatch.setattr(LoadingHistory, "step", fail)
+    monkeypatch.setattr(Stepper, "step", fail)
 
 
 @pytest.mark.parametrize(("geometry", "mend"), [("lattice", "Take another seed"), ("exact", 'Take the geometry "lattice"')])

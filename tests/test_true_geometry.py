@@ -848,7 +848,7 @@ def test_an_array_in_space_keeps_its_energy():
         states = [paths.begin(), *paths.path(ramp(0.1, 0.5, steps=steps))]
         last = states[-1]
         assert last.residual <= 1e-9
-        pushes = [paths._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
+        pushes = [paths.stepper.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
         given = simpson(pushes, x=[one.overlap for one in states])
         left.append(abs(given - last.dissipated - (last.stored - states[0].stored)))
     assert left[1] < 5e-3 * last.dissipated

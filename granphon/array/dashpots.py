@@ -15,13 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from granphon.array.pressing import PressedArray
 from granphon.array.stencils import dot
-
-if TYPE_CHECKING:
-    from granphon.array.history import LoadingHistory, PressedArray
-    from granphon.array.steps import Prescribed
+from granphon.array.stepper import Stepper
+from granphon.array.steps import Prescribed
 
 __all__ = ["DRAG", "WEAKER", "give_way"]
 
@@ -35,11 +33,11 @@ _MOST_STEPS = 60
 _CALM = 3
 
 
-def give_way(history: LoadingHistory, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
+def give_way(stepper: Stepper, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
     """Return the state in which balls come to rest under a load, from the last of the ``trail``; None if it is not found."""
     drag, too_weak, push, calm = DRAG, 0.0, math.inf, 0
     for _ in range(_MOST_STEPS):
-        after = _settle(history, trail, load, drag)
+        after = _settle(stepper, trail, load, drag)
         if after is None:
             if calm or drag >= DRAG:  # balls do not fall: shorter steps of the load help
                 return None
@@ -49,16 +47,16 @@ def give_way(history: LoadingHistory, trail: Sequence[PressedArray], load: Presc
         trail, calm = [after], calm + 1 if push <= before else 0
         if calm:
             too_weak = 0.0
-            if calm % _CALM == 0 and (at_rest := _settle(history, trail, load, 0.0)) is not None:
+            if calm % _CALM == 0 and (at_rest := _settle(stepper, trail, load, 0.0)) is not None:
                 return at_rest
         if WEAKER * drag > too_weak:
             drag *= WEAKER
     return None
 
 
-def _settle(history: LoadingHistory, trail: Sequence[PressedArray], load: Prescribed, drag: float) -> PressedArray | None:
+def _settle(stepper: Stepper, trail: Sequence[PressedArray], load: Prescribed, drag: float) -> PressedArray | None:
     """Return the state after one step, with at least the energy that dashpots take if balls move evenly."""
-    after = history.settle(trail, load, drag)
+    after = stepper.settle(trail, load, drag)
     if after is None:
         return None
     return replace(after, damped=max(after.damped, trail[-1].damped + _measure_work(trail[-1], after, drag)))

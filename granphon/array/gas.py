@@ -21,17 +21,15 @@ arrays; the tests state it.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granphon.array.dashpots import DRAG, WEAKER
 from granphon.array.load_step import HASTY
+from granphon.array.pressing import PressedArray
+from granphon.array.stepper import Stepper
 from granphon.array.steps import Prescribed
 from granphon.base.errors import ConvergenceError, message
-
-if TYPE_CHECKING:
-    from granphon.array.history import LoadingHistory, PressedArray
 
 __all__ = ["DRAG", "GAS", "STANDING_FORCE", "STEP", "press_gas"]
 
@@ -54,23 +52,22 @@ _ABOVE_PUSH = 10.0
 _MOST_OVERLAP = 2.0
 
 
-def press_gas(history: LoadingHistory) -> PressedArray:
-    """Return the first state at which an array stands with friction, from balls that lie apart.
+def press_gas(stepper: Stepper, contact: float) -> PressedArray:
+    """Return the first state at which an array stands with friction, from balls on their sites, at the overlap ``contact``.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two widths, or if balls that
     dashpots slow down do not come into balance.
     """
-    means = history.stencils.average_pairs(history.deviations)
-    sites = np.zeros((history.stencils.n_balls * len(history.stencils.shape), *history.stencils.shape))
-    here = history.place(sites, -float(np.max(means)))
-    damped = replace(history, drag=DRAG)
+    stencils = stepper.geometry.stencils
+    here = stepper.place(np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact)
+    damped = replace(stepper, drag=DRAG)
     while here.overlap < _MOST_OVERLAP:
         try:
             here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
         except ConvergenceError as error:
             what = f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths"
             why, mend = "Too few contacts hold them", "Take another seed, or another friction coefficient"
-            if history.ratio:
+            if stepper.geometry.ratio:
                 why = "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
                 mend = 'Take the geometry "lattice"'
             raise ConvergenceError(message(what, why, mend)) from error
@@ -87,10 +84,10 @@ def press_gas(history: LoadingHistory) -> PressedArray:
     )
 
 
-def _come_to_rest(damped: LoadingHistory, here: PressedArray) -> PressedArray | None:
+def _come_to_rest(damped: Stepper, here: PressedArray) -> PressedArray | None:
     """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
-    load, drag, ratio, moved = Prescribed(overlap=here.overlap), damped.drag, damped.ratio, 0.0
-    pushed = ratio > 0.0 and len(damped.stencils.shape) == 3
+    load, drag, ratio, moved = Prescribed(overlap=here.overlap), damped.drag, damped.geometry.ratio, 0.0
+    pushed = ratio > 0.0 and len(damped.geometry.stencils.shape) == 3
     weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
     for _ in range(_MOST_STEPS):
         stronger, slower, drag = drag, moved, max(WEAKER * drag, weakest)

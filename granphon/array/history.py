@@ -7,46 +7,35 @@ ball are in balance,
 
     C_n^T f = C_s^T T
 
-where C_n and C_s are the rows of C for elongations and slips. Newton's method (:mod:`granphon.array.load_step`) solves this,
-from the polynomial in the load through the last states, three at most. Where it fails, dashpots slow the balls down
-(:mod:`granphon.array.dashpots`); where they too find no balance, the step is taken in two halves.
-
-The work of the load is what the contacts store and lose. So it is the integral of f* dy for each contact, in the limit of
-short steps; where dashpots act, it is found as that, and they take the rest. Between two states f* is then taken from the
-parabola through them and the one before.
+where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this (:mod:`granphon.array.stepper`).
+Where it fails, dashpots slow the balls down (:mod:`granphon.array.dashpots`); where they too find no balance, the step is
+taken in two halves. Steps are halved also until this changes f* and what is lost by little. The work of the load is then the
+integral of f* dy for each contact.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.dashpots import give_way
-from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate
-from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.friction import FrictionLaw
 from granphon.array.gas import GAS, press_gas
-from granphon.array.geometry import Geometry, LatticeGeometry, Place, find_boundary_force
-from granphon.array.load_step import HASTY, PATIENT, SMALL_FRICTION, Lags, LoadStep, is_balanced
-from granphon.array.patches import Patches
-from granphon.array.pressing import (
-    BALANCE_TOLERANCE,
-    PressedArray,
-    Trial,
-    continue_polynomial,
-    goes_on,
-    integrate_last,
-    weigh_states,
-)  # fmt: skip
+from granphon.array.geometry import Geometry, LatticeGeometry
+from granphon.array.load_step import SMALL_FRICTION
+from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, goes_on, weigh_states
 from granphon.array.stencils import Stencils, dot
+from granphon.array.stepper import MOST_HALVINGS, Stepper, find_aim
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.base.errors import ConvergenceError, InputError, message
 
-__all__ = ["BALANCE_TOLERANCE", "START_SPACING", "LoadingHistory", "PressedArray"]
+__all__ = ["REFINEMENT_TOLERANCE", "START_SPACING", "LoadingHistory"]
 
 Array = NDArray[np.float64]
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
@@ -61,16 +50,10 @@ _LEAST_SHARE = 1.0 / 16.0
 _CAUTION = 2.0
 #: fraction of the load by which it may be missed where the array counts as standing there
 _SAME_LOAD = 1e-12
-#: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
-_MOST_HALVINGS = 12
-#: number of halvings below which limits of sliding are not looked for again, as they were in the whole step: it takes long
-_LAG_HALVINGS = 6
 #: errors that are allowed of what is lost, over the tolerance of f*: a fraction of it, and of the work of the load
 _OF_LOSS, _OF_WORK = 100.0, 0.1
 #: number of halvings after which they no longer are a reason to halve a step
 _LOSS_HALVINGS = 6
-#: number of steps without a balance after which a load is given up
-_MOST_FAILED = 40
 #: number of steps to one load
 _MOST_STEPS = 500
 
@@ -90,8 +73,6 @@ class LoadingHistory:
         overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
         it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
         see :mod:`granphon.array.gas`: a beginning for lattices that friction alone holds.
-    drag : stiffness of dashpots between neighbours within one step, for :mod:`granphon.array.gas`; the state reached is no
-        equilibrium of the contacts unless it is zero.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
 
     Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
@@ -102,7 +83,6 @@ class LoadingHistory:
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
     start: Equilibrium | Prescribed | str | None = None
-    drag: float = field(default=0.0, repr=False)
     geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
@@ -117,14 +97,13 @@ class LoadingHistory:
                 message("a loading history with friction has no shear stiffness", mend="Give the stencils a mindlin_ratio")
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
-        self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
-        self._patches = Patches(self.stencils)
-        self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
+        geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
+        self.stepper = Stepper(geometry, self._law, from_gas=self.start == GAS)
 
     @property
     def ratio(self) -> float:
         """W/d; zero where contacts keep the directions of the lattice."""
-        return self._geometry.ratio
+        return self.stepper.geometry.ratio
 
     # -- the path ---------------------------------------------------------------------------------------------------
 
@@ -134,7 +113,8 @@ class LoadingHistory:
         Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where no load is carried.
         """
         if self.start == GAS:
-            return press_gas(self)
+            # from where the first two balls touch
+            return press_gas(self.stepper, -float(np.max(self.stencils.average_pairs(self.deviations))))
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
         load = Prescribed(overlap=START_SPACING - 0.5) if self.start is None else self.start
         state = self._rest(load, smooth) if isinstance(load, Prescribed) else load
@@ -143,36 +123,26 @@ class LoadingHistory:
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
             same = load if isinstance(load, Prescribed) else Prescribed(overlap=state.overlap)
             state = equilibrate_in_truth(self.deviations, same, ratio, smooth, state)
-        return self.place(state.balls, state.overlap, state.residual)
+        return self.stepper.place(state.balls, state.overlap, state.residual)
 
     def _rest(self, load: Prescribed, smooth: Stencils) -> Equilibrium:
         """Return the equilibrium without friction under a load."""
         try:
             return equilibrate(self.deviations, load, smooth)
         except InputError as error:
-            what = f"the history starts below the threshold, at {self._name(load)}"
+            what = f"the history starts below the threshold, at {self.stepper.name_load(load)}"
             mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
             raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
 
-    def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
-        """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential forces."""
-        cells, shape = self.stencils.n_balls, self.stencils.shape
-        balls = np.zeros((cells, self.stencils.motions.count, *shape))
-        balls[:, self.stencils.motions.translating] = displacements.reshape(cells, -1, *shape)
-        motion = balls.reshape(self.stencils.n_fields, *shape)
-        overlaps, slips = self._geometry.begin(motion, overlap)
-        contacts = Contacts(overlaps, slips, np.zeros_like(slips))
-        return PressedArray(overlap, motion, contacts, self._law, residual)
-
-    def path(self, loads: Iterable[Prescribed]) -> Iterator[PressedArray]:
-        """Yield the state at each of the ordered ``loads``, which may go up and down.
+    def path(self, loads: Iterable[Prescribed], first: PressedArray | None = None) -> Iterator[PressedArray]:
+        """Yield the state at each of the ordered ``loads``, which may go up and down, from the ``first`` state or the start.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load,
         and ``reached`` of the error is the last state before it.
         """
-        trail = [self.begin()]
+        trail = [self.begin() if first is None else first]
         for load in loads:
-            here, aim = self.measure(trail[-1], load), self._aim(load)
+            here, aim = self.stepper.measure(trail[-1], load), find_aim(load)
             if abs(aim - here) <= _SAME_LOAD * (here if load.overlap is None else 1.0):  # the array stands there
                 yield trail[-1]
                 continue
@@ -192,15 +162,15 @@ class LoadingHistory:
         ahead, taken, kept = [(load, self.tolerance, 0)], 0, 0.0
         while ahead:
             load, allowed, halvings = ahead.pop()
-            middle, found = self._between(trail[-1], load), []
-            if not goes_on([*(self.measure(one, load) for one in trail[-2:]), self._aim(load)]):
+            middle, found = self.stepper.halve(trail[-1], load), []
+            if not goes_on([*(self.stepper.measure(one, load) for one in trail[-2:]), find_aim(load)]):
                 # nothing tells yet how the path bends: two halves do
                 found = [self.step(trail, middle)]
             found.append(self.step([*trail, *found], load))
             change, bent = self._compare([*trail, *found], len(found), load)
             change /= found[-1].force
             # where a ball falls, the shortest step keeps a change that is none of the step's
-            falls = halvings == _MOST_HALVINGS and kept + change <= self.tolerance
+            falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
             # balance to a finite residual leaves f* uncertain
             if falls or (
                 change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
@@ -209,10 +179,10 @@ class LoadingHistory:
                 found = _correct_losses(found, bent)
                 yield from found
                 trail, taken, kept = [*trail, *found][-3:], taken + len(found), kept + change * falls
-            elif halvings == _MOST_HALVINGS:
-                raise self._explain(load, f"halving the step still changes f* by {change:.2g}")
+            elif halvings == MOST_HALVINGS:
+                raise self.stepper.explain(load, f"halving the step still changes f* by {change:.2g}")
             elif taken + len(ahead) > _MOST_STEPS:
-                raise self._explain(load, f"it takes more than {_MOST_STEPS} steps")
+                raise self.stepper.explain(load, f"it takes more than {_MOST_STEPS} steps")
             else:
                 # where a ball loses its hold and falls, one of the halves keeps all of the change
                 allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
@@ -227,7 +197,7 @@ class LoadingHistory:
         tangential forces that differ by dT raise f* by the mean of dT over the contacts' slips under dy.
         """
         three = trail[-3:]
-        loads, change, bent = [self.measure(one, load) for one in three], 0.0, []
+        loads, change, bent = [self.stepper.measure(one, load) for one in three], 0.0, []
         for last in range(-steps, 0):
             before, after = three[last - 1].contacts, three[last].contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
@@ -255,121 +225,14 @@ class LoadingHistory:
         lost, work = after.slid + after.loosened - before.slid - before.loosened, abs(after.work - before.work)
         return sum(abs(slid + loosened) for slid, loosened in bent) <= self.tolerance * (_OF_LOSS * lost + _OF_WORK * work)
 
-    def _between(self, here: PressedArray, load: Prescribed) -> Prescribed:
-        """Return the load half-way from a state to another load."""
-        if load.overlap is None:
-            return load._replace(force=0.5 * (self.measure(here, load) + load.force))
-        return load._replace(overlap=0.5 * (here.overlap + load.overlap))
-
     def step(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
         Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
-        if load.overlap is None and not load.force > 0.0:
-            raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
-        ahead, halvings, failed = [load], 0, 0
         # with small friction balls come into balance only in stages, which steps with dashpots do without
-        falls = not self.drag and self.friction_coefficient >= SMALL_FRICTION
-        while ahead:
-            here = trail[-1]
-            # where friction alone holds balls, shorter steps of the load help sooner
-            patience = HASTY if self.start == GAS else PATIENT
-            lags = None if falls and 0 < halvings < _LAG_HALVINGS else patience
-            trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
-            if is_balanced(trial):
-                trail = [*trail[-2:], self._damp(trail, trial) if self.drag else self._arrive(here, trial)]
-            elif falls and trial.left < math.inf and (at_rest := give_way(self, trail, ahead[-1])) is not None:
-                trail = [at_rest]
-            elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
-                last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
-                raise self._explain(load, f"no load is left on the balls; {last}", "End the path before this load")
-            elif (
-                halvings == _MOST_HALVINGS or failed == _MOST_FAILED or self.measure(here, ahead[-1]) == self._aim(ahead[-1])
-            ):
-                last = f"it was last at an overlap of {here.overlap:.6g} widths, f* = {here.force:.3g}"
-                raise self._explain(load, f"its forces are not in balance, however short the steps; {last}")
-            else:
-                halvings, failed = halvings + 1, failed + 1
-                ahead.append(self._between(here, ahead[-1]))
-                continue
-            halvings = max(0, halvings - 1)
-            ahead.pop()
-        return trail[-1]
-
-    def settle(
-        self, trail: Sequence[PressedArray], load: Prescribed, drag: float, lags: Lags | None = None
-    ) -> PressedArray | None:
-        """Return the state to which balls come from the last of the ``trail`` in one step, slowed by dashpots.
-
-        It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
-        """
-        trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
-        return self._damp(trail, trial) if is_balanced(trial) else None
-
-    def _make_step(self, here: PressedArray, load: Prescribed, drag: float) -> LoadStep:
-        return LoadStep(self._geometry, self._law, here, self._locate(here), load, self._patches, drag)
-
-    @staticmethod
-    def _name(load: Prescribed) -> str:
-        if load.overlap is None:
-            return f"f* = {load.force:.6g}"
-        return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
-
-    def _explain(self, load: Prescribed, why: str, mend: str = "") -> ConvergenceError:
-        what = f"the loading with friction has not reached {self._name(load)}"
-        other = "take another seed" if self.start == GAS else "start at a higher load"
-        mend = mend or f"End the path before this load, or {other}"
-        return ConvergenceError(message(what, why[0].upper() + why[1:], mend))
-
-    # -- one step ---------------------------------------------------------------------------------------------------
-
-    def _locate(self, here: PressedArray) -> Place:
-        """Return the configuration of a state; those of the last three are kept."""
-        for balls, place in self._located:
-            if balls is here.balls:
-                return place
-        place = self._geometry.place(here.balls, here.overlap)
-        self._located.append((here.balls, place))
-        return place
-
-    def measure(self, state: PressedArray, load: Prescribed) -> float:
-        """Return of a state what the load prescribes: its overlap, its force, or its force under the same pressure."""
-        if load.overlap is not None:
-            return state.overlap
-        if load.on_boundary:
-            return find_boundary_force(self._locate(state), state.contacts.forces, state.contacts.shears)
-        return state.force
-
-    @staticmethod
-    def _aim(load: Prescribed) -> float:
-        return load.force if load.overlap is None else load.overlap
-
-    def _extrapolate(self, trail: Sequence[PressedArray], load: Prescribed) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
-        weights = continue_polynomial([self.measure(one, load) for one in trail], self._aim(load))
-        states = trail[-len(weights) :]
-        balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
-        y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
-        return balls, float(y)
-
-    def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
-        """Return the state at the end of a step, with energies."""
-        slid, loosened = self._law.lost(here.contacts, trial.contacts)
-        state = PressedArray(
-            trial.overlap, trial.balls, trial.contacts, self._law, trial.left, here.work + slid + loosened, here.slid + slid,
-            here.loosened + loosened, here.damped, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
-        )  # fmt: skip
-        self._located.append((trial.balls, trial.place))
-        return replace(state, work=state.work + state.stored - here.stored)
-
-    def _damp(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
-        """Return the state after a step in which dashpots take what the load gives and contacts neither store nor lose."""
-        state = self._arrive(trail[-1], trial)
-        states = [*trail[-2:], state]
-        presses = [self._locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
-        rest = integrate_last([one.overlap for one in states], presses) - (state.work - trail[-1].work)
-        return replace(state, work=state.work + rest, damped=state.damped + rest)
+        falls = self.friction_coefficient >= SMALL_FRICTION
+        return self.stepper.step(trail, load, partial(give_way, self.stepper) if falls else None)
 
 
 def _correct_losses(states: Sequence[PressedArray], bent: Sequence[tuple[float, float]]) -> list[PressedArray]:

@@ -25,7 +25,8 @@ from granphon.array.contact_network import turn_frames
 from granphon.array.equilibrium import Equilibrium, Prescribed
 from granphon.array.friction import SLIDES, Contacts, FrictionLaw
 from granphon.array.geometry import find_boundary_force
-from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.history import LoadingHistory
+from granphon.array.pressing import PressedArray
 from granphon.array.response import elasticity
 from granphon.array.sample import STEP, Sample, find_density
 from granphon.array.stencils import Motion, Stencils
@@ -38,7 +39,7 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from ase import Atoms
 
-__all__ = ["SHEAR_RESPONSES", "ContinuedHistory", "PressedEquilibrium", "PressedSample"]
+__all__ = ["SHEAR_RESPONSES", "PressedEquilibrium", "PressedSample"]
 
 Array = NDArray[np.float64]
 #: the choices of the tangential stiffness under sound; the first is the default
@@ -198,16 +199,6 @@ class PressedEquilibrium(Equilibrium):
         return one * t[0] + other * b[0], one * t[1] + other * b[1], one * t[2] + other * b[2]
 
 
-class ContinuedHistory(LoadingHistory):
-    """A history that begins with a state to which another one has led."""
-
-    resumed: PressedArray
-
-    def begin(self) -> PressedArray:
-        """Return that state."""
-        return self.resumed
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class PressedSample(Sample):
     """One array of balls at rest under one load, which it has reached by a path of loads with friction.
@@ -340,9 +331,8 @@ class PressedSample(Sample):
         here = self.equilibrium
         stencils, loads = here.sheared, [Prescribed(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
         geometry = ExactGeometry(stencils, here.deviations, here.ratio) if here.ratio else None
-        history = ContinuedHistory(here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry)
-        history.resumed = here.resume()
-        states = list(history.path(loads))
+        history = LoadingHistory(here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry)
+        states = list(history.path(loads, here.resume()))
         beside = (PressedEquilibrium.of(state, here.deviations, stencils, here.ratio) for state in states[::2])
         tensors = [self._compute_elastic_tensor(one.share(here.deviations, here.stencils)) for one in beside]
         stencils.forget()

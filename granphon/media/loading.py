@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.gas import GAS
-from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory, PressedArray
-from granphon.array.pressed_sample import SHEAR_RESPONSES, ContinuedHistory, PressedEquilibrium, PressedSample
+from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
+from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.pressing import PressedArray
 from granphon.array.stencils import Stencils
 from granphon.array.true_geometry import ExactGeometry, require_small
 from granphon.balls.loads import Load
@@ -342,17 +343,17 @@ def press(
 
 def _begin(
     packing: Packing, deviations: Array, loading: Loading, workers: int
-) -> tuple[ContinuedHistory, PressedArray, Stencils]:
+) -> tuple[LoadingHistory, PressedArray, Stencils]:
     """Return the history of a sample of different balls at its start, and stencils without friction."""
     structure, shape = packing.structure, deviations.shape[packing.structure.n_balls > 1 :]
     smooth = Stencils(shape, workers=workers, lattice=structure)
     stencils = Stencils(shape, loading.mindlin_ratio, workers, structure)
     geometry = ExactGeometry(stencils, deviations, loading.ratio) if loading.ratio else None
-    history = ContinuedHistory(
+    history = LoadingHistory(
         deviations, stencils, loading.friction_coefficient, loading.step_tolerance, loading.start, geometry=geometry
     )
     try:
-        here = history.resumed = LoadingHistory.begin(history)
+        here = history.begin()
     except GranphonError as error:
         error.option = "start"
         raise
@@ -370,7 +371,7 @@ def require_path(packing: Packing, deviations: Array, loading: Loading, path: Se
 
 def _require_above_state(history: LoadingHistory, here: PressedArray, path: Sequence[Prescribed]) -> None:
     by_force = path[0].overlap is None
-    start = Prescribed(here.overlap, history.measure(here, path[0]) if by_force else here.force)
+    start = Prescribed(here.overlap, history.stepper.measure(here, path[0]) if by_force else here.force)
     require_above(start, path, history.start == GAS)
 
 
@@ -379,7 +380,7 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
     stencils = history.stencils
     if not loading.ordered:
         _require_above_state(history, here, path)
-    states = history.path(path)
+    states = history.path(path, here)
     for place in range(len(path)):
         try:
             here = next(states)

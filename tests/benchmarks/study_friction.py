@@ -31,8 +31,9 @@ from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import LEAST_CONTACT
-from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.pressing import PressedArray
 from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
