@@ -76,7 +76,6 @@ class SoundVelocities(Result):
     polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
     """
 
-    added = ("out_of_plane", "velocities", "polarisations", "twist")
     units = {
         "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
         "out_of_plane": "m/s", "velocities": "m/s", "twist": "m/s",
@@ -246,8 +245,6 @@ class Moduli(Result):
     anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the load; None likewise.
     warnings : one sentence for each limit of the model that the state exceeds.
     """
-
-    added = ("tensor_error", "anisotropy_error", "cubic")
 
     units = {
         "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
