@@ -250,10 +250,10 @@ FIELD_UNITS = {
     "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
     "diameter_deviations": "d", "displacements": "d", "slip_origin": "d", "rotations": "rad", "chi2": "1", "p": "1",
 }  # fmt: skip
-#: of band.yaml and phonopy_params.yaml, where motions are not those in the plane
+#: of band.yaml and phonopy_params.yaml
 BANDED = {
-    "periods": "number of periods of the lattice, 1 to 3; with the next two in schema 2 only",
-    "motions": "motions of each ball: `longitudinal`, `out_of_plane`, `all`, or `in_plane` on a line",
+    "periods": "number of periods of the lattice, 1 to 3",
+    "motions": "motions of each ball: `longitudinal`, `in_plane`, `out_of_plane` or `all`",
     "rotations": "whether the balls turn",
 }
 #: of fit.yaml

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from granphon.fits.fit import fit_width
 from granphon.fits.measurements import Measurements
 from granphon.media.choice import MediumChoice
 from granphon.scene.scene import Scene
-from granphon.scene.several import draw_together
+from granphon.scene.several import draw_together, read_run
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 GLASS = gp.Material(70e9, 0.22, 2500.0)
@@ -389,6 +390,14 @@ def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(folders, 
         assert (out, err.count("\n")) == ("", 1)
         assert told in err
     assert sorted(folders.rglob("*")) == before
+
+
+def test_a_summary_of_another_schema_is_refused(folders, tmp_path):
+    shutil.copytree(folders / "one", tmp_path / "one")
+    text = (tmp_path / "one" / "summary.yaml").read_text()
+    (tmp_path / "one" / "summary.yaml").write_text(text.replace("schema: 1", "schema: 2"))
+    with pytest.raises(InputError, match=r"summary\.yaml has the schema 2\..*reads and writes schema 1"):
+        read_run(tmp_path / "one")
 
 
 def test_a_run_that_is_exchanged_while_it_is_read_is_not_drawn(folders, tmp_path, monkeypatch):

@@ -511,13 +511,6 @@ def test_bands_go_through_their_file(exported, tmp_path):
     assert gp.Bands.from_dict(json.loads(json.dumps(bands.to_dict()))) == bands
 
 
-def test_bands_of_earlier_versions_have_motions_in_the_plane():
-    for friction in (True, False):
-        bands = phonons("square", friction=friction).bands("GX", 3)
-        data = {name: value for name, value in bands.to_dict().items() if name not in ("motions", "digest")}
-        assert gp.Bands.from_dict(data) == bands
-
-
 def test_euphonic_reads_bands_with_two_atoms_a_ball(tmp_path):
     bands = phonons("fcc").bands([[0.1, 0.0, 0.0], [0.3, 0.2, 0.4]], npoints=4)
     bands.write(tmp_path / "band.yaml")
@@ -544,7 +537,7 @@ def test_what_the_head_of_a_file_says(tmp_path):
     ph = phonons("fcc")
     ph.save(tmp_path / "phonopy_params.yaml")
     own = head(tmp_path / "phonopy_params.yaml")
-    assert own["schema"] == 2
+    assert own["schema"] == 1
     assert own["coordinates"] == ["x", "y", "z", *(f"w_{x} = R_g phi_{x}" for x in "xyz")]
     assert (own["motions"], own["rotations"], own["periods"]) == ("all", True, 3)
     assert own["masses"] == [1.0, 1.0]
@@ -553,11 +546,9 @@ def test_what_the_head_of_a_file_says(tmp_path):
     phonons("chain").save(tmp_path / "chain.yaml")
     assert head(tmp_path / "chain.yaml")["coordinates"] == ["x", 0, 0]
     assert head(tmp_path / "chain.yaml")["zero_bands"] == 5
-    # in the plane the file is that of schema 1
     phonons("square").save(tmp_path / "plane.yaml")
     plane = head(tmp_path / "plane.yaml")
-    assert plane["schema"] == 1
-    assert "motions" not in plane
+    assert (plane["motions"], plane["rotations"], plane["periods"]) == ("in_plane", True, 2)
     assert plane["coordinates"] == ["x", "y", "w = R_g phi"]
 
 
@@ -572,7 +563,7 @@ def test_the_second_atom_stands_a_little_aside():
     ("old", "new"),
     [
         ("motions: all", "motions: some"), ("periods: 3", "periods: 4"), ("rotations: true", "rotations: 1"),
-        ("rotations: true", "rotations: false"), ("schema: 2", "schema: 3"), ("symbol: Sn", "symbol: Fe"),
+        ("rotations: true", "rotations: false"), ("symbol: Sn", "symbol: Fe"),
     ],
 )  # fmt: skip
 def test_bands_that_were_edited_are_refused(old, new, tmp_path):

@@ -185,10 +185,6 @@ def test_anisotropy_and_errors_over_samples():
     alone = gp.moduli(simulation("fcc").at_force(4.0))
     assert alone.tensor_error is alone.anisotropy_error is None
     assert Moduli.from_dict(json.loads(json.dumps(moduli.to_dict()))) == moduli
-    # what was written before there were these fields is read as before
-    data = {name: value for name, value in moduli.to_dict().items() if name not in (*Moduli.added, "digest")}
-    data["units"] = {name: unit for name, unit in data["units"].items() if name not in Moduli.added}
-    assert Moduli.from_dict(data) == dataclasses.replace(moduli, tensor_error=None, anisotropy_error=None, cubic=False)
 
 
 def _axial(tensors):

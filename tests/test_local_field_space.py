@@ -362,8 +362,6 @@ def test_stiffness_that_cannot_be(name, value):
 def test_result():
     field = local_field("sc", 0.84, torsion=0.01, bending=0.02)
     assert LocalField.from_dict(field.to_dict()) == field
-    older = {key: value for key, value in field.to_dict().items() if key not in ("torsion", "bending", "digest")}
-    assert LocalField.from_dict(older).torsion == 0.0
 
 
 # -- the media -------------------------------------------------------------------------------------------------------------

@@ -549,23 +549,15 @@ def test_the_ladder_is_ordered(steel):
 # -- the terms of finite overlap, which the state owns --------------------------------------------------------------------
 
 
-def pulses(state, **more):
-    return gp.pulse_velocities(state, 6500.0, (0.3, 0.7), **more)
-
-
-def frequencies(state, **more):
-    return gp.Phonons(state, **more).frequencies([[0.1, 0.2]])
-
-
 #: what each function of a state finds, as numbers
 FOUND = {
-    "sound": lambda state, **more: gp.sound_velocities(state, **more).longitudinal,
-    "pulses": lambda state, **more: pulses(state, **more).group,
-    "moduli": lambda state, **more: gp.moduli(state, **more).tensor,
-    "validity": lambda state, **more: gp.validity(state, **more)["velocity"].value,
-    "atoms": lambda state, **more: gp.atoms(state, **more).cell[0, 0],
-    "calculator": lambda state, **more: gp.HertzMindlin(state, **more).finite_overlap,
-    "phonons": frequencies,
+    "sound": lambda state: gp.sound_velocities(state).longitudinal,
+    "pulses": lambda state: gp.pulse_velocities(state, 6500.0, (0.3, 0.7)).group,
+    "moduli": lambda state: gp.moduli(state).tensor,
+    "validity": lambda state: gp.validity(state)["velocity"].value,
+    "atoms": lambda state: gp.atoms(state).cell[0, 0],
+    "calculator": lambda state: gp.HertzMindlin(state).finite_overlap,
+    "phonons": lambda state: gp.Phonons(state).frequencies([[0.1, 0.2]]),
 }
 every_function = pytest.mark.parametrize("name", FOUND)
 
@@ -576,25 +568,10 @@ def test_a_function_reads_finite_overlap_from_the_state(steel, rung, name):
     medium = rung(differing(steel, 2.04e-5))
     unset, limit, finite = (medium.at_force(200.0, finite_overlap=given) for given in (None, False, True))
     assert (unset.finite_overlap, limit.finite_overlap, finite.finite_overlap) == (False, False, True)
-    assert (unset.overlap_given, limit.overlap_given, finite.overlap_given) == (False, True, True)
     assert unset == limit
     find = FOUND[name]
     np.testing.assert_array_equal(find(unset), find(limit))
     assert np.any(np.asarray(find(finite)) != find(limit))
-    # the deprecated keyword: what is unset takes it, what is set keeps to it
-    for state, flag, same in ((unset, True, finite), (unset, False, limit), (limit, False, limit), (finite, True, finite)):
-        with pytest.warns(
-            DeprecationWarning, match=r"granphon 0\.3\.0; .*medium\.at_force\(f, finite_overlap=True\)"
-        ) as caught:
-            found = find(state, finite_overlap=flag)
-        assert [one.filename for one in caught] == [__file__]
-        np.testing.assert_array_equal(found, find(same))
-    for state, flag in ((limit, True), (finite, False)):
-        with (
-            pytest.warns(DeprecationWarning, match=r"granphon 0\.3\.0"),
-            pytest.raises(InputError, match=f"made with finite_overlap={not flag}"),
-        ):
-            find(state, finite_overlap=flag)
 
 
 @every_rung
@@ -608,7 +585,7 @@ def test_equation_16_holds_to_rounding(steel, rung, finite, kind):
     assert_allclose(state.effective_density * v.longitudinal**2, m.bulk + m.shear, rtol=1e-12)
     assert_allclose(state.effective_density * v.transverse**2, m.shear, rtol=1e-12)
     one = state[1]
-    assert (one.finite_overlap, one.overlap_given) == (finite, True)
+    assert one.finite_overlap == finite
     assert_allclose(gp.sound_velocities(one).longitudinal, v.longitudinal[1], rtol=1e-14)
 
 
@@ -625,8 +602,6 @@ def test_finite_overlap_is_true_or_false(packing, rung, flag):
     for kind in ("force", "pressure", "overlap"):
         with pytest.raises(InputError, match=r"finite_overlap: found .*allowed: true or false"):
             getattr(rung(packing), f"at_{kind}")(1e-6, finite_overlap=flag)
-    with pytest.raises(InputError, match="finite_overlap: found"):
-        gp.moduli(rung(packing).at_force(1.0), finite_overlap=flag)
     assert rung(packing).at_force(1.0, finite_overlap=np.True_).finite_overlap is True
 
 

@@ -689,9 +689,6 @@ def test_wave_in_a_network_of_no_lattice_has_the_length_of_its_wave_vector(disor
     assert found.shortest is None
     np.testing.assert_allclose(found.wavenumber, np.linalg.norm(q), rtol=1e-14)
     assert whole.spectral_function(q, moments=64).wavenumber < found.wavenumber
-    older = {name: value for name, value in found.to_dict().items() if name not in ("shortest", "digest")}
-    older["units"] = {name: unit for name, unit in older["units"].items() if name != "shortest"}
-    assert SpectralFunction.from_dict(older) == found
 
 
 def test_disorder_broadens_lines(disordered):

@@ -371,14 +371,26 @@ def test_a_text_is_known_by_its_digest(written, tmp_path, kind):
         read(path)
 
 
-def test_a_density_of_states_of_schema_1_is_read(written, tmp_path):
-    heading, _, what, *rest = (written / "dos.csv").read_text().split("\n")
-    method = rest.pop(0)
-    old = "\n".join([what.replace("schema 2", "schema 1"), method, heading, *rest])
-    (tmp_path / "dos.csv").write_text(old)
-    with pytest.warns(UnverifiedFileWarning):
-        found = gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
-    assert found == gp.DensityOfStates.read_csv(written / "dos.csv")
+#: what reads each file, and its schema number as the file has it
+SCHEMAS = {
+    "band.yaml": (gp.Bands.read, "schema: 1"), "phonopy_params.yaml": (gp.load_phonopy, "schema: 1"),
+    "dos.csv": (gp.DensityOfStates.read_csv, "schema 1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+@pytest.mark.parametrize("number", ["0", "2"])
+def test_a_file_of_another_schema_is_refused(written, tmp_path, name, number):
+    read, told = SCHEMAS[name]
+    text, _ = read_sealed(written / name)
+    assert text.count(told) == 1
+    (tmp_path / name).write_text(seal(text.replace(told, told[:-1] + number).split("\n")[:-1]))
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / name)
+    assert str(caught.value) == (
+        f"{tmp_path / name} has the schema {number}. granphon {gp.__version__} reads and writes schema 1. "
+        "Read it with the version that wrote it, or make it again."
+    )
 
 
 def test_sealing_a_text(tmp_path):
@@ -488,7 +500,7 @@ def test_a_sweep_is_known_by_two_digests(written, tmp_path):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
         with pytest.raises(InputError, match=r"was damaged, or edited.*at its end"):
             gp.load_sweep(path)
-    # a file of an older granphon
+    # a file without a digest
     expected.to_netcdf(path, engine="h5netcdf", encoding={name: {"_FillValue": None} for name in expected.variables})
     with pytest.warns(UnverifiedFileWarning, match=r"sweep\.nc carries no digest"):
         assert gp.load_sweep(path).identical(expected)
@@ -504,7 +516,6 @@ def test_a_sweep_is_known_by_two_digests(written, tmp_path):
         ("transverse", "fast", "transverse, which are no numbers"),
         ("media", "[[[", "its attribute media is '[[[', which is no JSON list"),
         ("packing", "[]", "its attribute packing is '[]', which is no JSON mapping"),
-        ("schema", "one", "its attribute schema is 'one', where a whole number is needed"),
         ("exponent_error", math.nan, None),
         ("reduced_force", math.inf, None),
         ("overlap", -1e-7, None),

@@ -791,12 +791,6 @@ def test_terms_of_finite_overlap_are_not_known(steel):
             getattr(medium, f"at_{kind}")(getattr(state, kind), finite_overlap=True)
     with pytest.raises(InputError, match="no terms of finite overlap"):
         dataclasses.replace(state, finite_overlap=True)
-    for of in (gp.sound_velocities, gp.moduli, gp.validity, gp.atoms):
-        with (
-            pytest.warns(DeprecationWarning, match="finite_overlap"),
-            pytest.raises(InputError, match="no terms of finite overlap"),
-        ):
-            of(state, finite_overlap=True)
     again = medium.at_pressure(state.pressure, finite_overlap=False)
     assert gp.sound_velocities(again).longitudinal == pytest.approx(gp.sound_velocities(state).longitudinal, rel=1e-9)
     assert again.effective_density == medium.packing.effective_density

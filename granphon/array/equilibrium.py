@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,6 @@ class Equilibrium(Result):
     """
 
     shapes = {"deviations": "..."}
-    added: ClassVar[tuple[str, ...]] = ("lattice",)
 
     deviations: Array
     overlap: float

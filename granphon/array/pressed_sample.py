@@ -62,8 +62,6 @@ class PressedEquilibrium(Equilibrium):
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
     """
 
-    added = (*Equilibrium.added, "damped")
-
     rotations: Array = field(default_factory=lambda: np.zeros(0))
     shears: Array = field(default_factory=lambda: np.zeros(0))
     mindlin_ratio: float = 0.0

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,8 +80,6 @@ class TrueEquilibrium(Equilibrium):
     ``overlap`` is y = (d - a)/W, with the spacing a of the compressed cell; ``ratio`` is W/d. Other attributes are those of
     :class:`~granphon.array.equilibrium.Equilibrium`. ``stiffness`` is df*/dy of the mean normal force.
     """
-
-    added: ClassVar[tuple[str, ...]] = ("lattice", "ratio")
 
     ratio: float = 0.0
 

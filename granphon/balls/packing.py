@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,9 +58,6 @@ class Packing:
         have, a negative torsion or bending, either of them where the motions have no rotation that it resists, a spread with
         another mean than the diameter or with a ball of size zero or below, or scales beyond double precision.
     """
-
-    #: fields that data written by an earlier version lack
-    added: ClassVar[tuple[str, ...]] = ("motions", "torsion", "bending")
 
     material: Material
     diameter: float

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.base.errors import TOO_LARGE, GranphonError, InputError, UnverifiedFileWarning, message
+from granphon.base.errors import TOO_LARGE, GranphonError, InputError, SchemaError, UnverifiedFileWarning, message
 from granphon.base.reading import read_utf8
 from granphon.base.text import show
 
@@ -73,7 +73,7 @@ def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
 def warn_unverified(path: str | os.PathLike[str]) -> None:
     """Issue :class:`~granphon.base.errors.UnverifiedFileWarning`, for a file without a digest, two callers up the stack."""
     text = message(
-        f"{path} carries no digest", "Another program, or an older granphon, wrote it: damage would not be noticed",
+        f"{path} carries no digest", "Another program wrote it: damage would not be noticed",
         "Make it again if in doubt",
     )  # fmt: skip
     warnings.warn(text, UnverifiedFileWarning, stacklevel=3)
@@ -81,9 +81,14 @@ def warn_unverified(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
-    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a ``kind`` written by granphon."""
+    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a ``kind`` written by granphon.
+
+    Only a :class:`~granphon.base.errors.SchemaError` passes as it is.
+    """
     try:
         yield
+    except SchemaError:
+        raise
     except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
         what = f"{path} is not a {kind} written by granphon"
         raise InputError(message(what, _explain_form(error), "Make it again, or give the right file")) from None

@@ -27,6 +27,7 @@ __all__ = [
     "PrecisionError",
     "Refused",
     "SceneError",
+    "SchemaError",
     "UnreachableFrequencyError",
     "UnsupportedError",
     "UnverifiedFileWarning",
@@ -89,6 +90,10 @@ class Refused(InputError):
 
 class SceneError(InputError):
     """A scene file that cannot be carried out; the message names file, line and key."""
+
+
+class SchemaError(InputError):
+    """A file or plain data of another schema than this version reads."""
 
 
 class MissingFileError(InputError, FileNotFoundError):

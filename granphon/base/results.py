@@ -13,7 +13,7 @@ import numpy as np
 from granphon.base.digests import damage_error, digest
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.notebook import write_html
-from granphon.base.text import show
+from granphon.base.text import require_schema, show
 
 __all__ = ["Result", "plain", "read_only", "restore"]
 
@@ -37,11 +37,9 @@ class Result:
     """Base of the frozen result classes.
 
     A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (the shapes of its arrays,
-    for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. Fields that came later within a schema
-    are named in ``added``: they take their defaults where older data lack them. ``shown`` names properties, quick to find,
-    that a notebook shows after the fields. Arrays are made read-only; scalars stay
-    floats. Two results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array
-    by its shape.
+    for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. ``shown`` names
+    properties, quick to find, that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two
+    results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
 
     A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of the class;
     or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the load, "|" parts layouts that are
@@ -49,7 +47,6 @@ class Result:
     """
 
     schema: ClassVar[int] = 1
-    added: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[Mapping[str, str]] = {}
     shapes: ClassVar[Mapping[str, str]] = {}
     shown: ClassVar[tuple[str, ...]] = ()
@@ -105,25 +102,14 @@ class Result:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Build a result from plain data: the inverse of :meth:`to_dict`.
 
-        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of a newer schema, in other units,
+        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of another schema, in other units,
         or incomplete, if a field has another kind or shape than in the class, if there is a field that the class lacks, or
         if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not noticed.
         """
         given = dict(data) if isinstance(data, Mapping) else {}
-        if _read_class_name(given) != _name_class(cls):
+        if _read_class_name(given) != cls.__name__:
             raise InputError(message(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"))
-        schema = given.get("schema", cls.schema)
-        if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
-            raise InputError(
-                message(f"{cls.__name__} data have the schema {show(schema)}", mend="Give a whole number, 1 or more")
-            )
-        if schema > cls.schema:
-            raise InputError(
-                message(
-                    f"{cls.__name__} data of schema {schema} are newer than this granphon knows ({cls.schema})",
-                    mend="Update granphon",
-                )
-            )
+        require_schema(f"a {cls.__name__} in plain data", given.get("schema", cls.schema), cls.schema)
         try:
             restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
             # after the other checks, whose errors say more
@@ -132,8 +118,7 @@ class Result:
             units = plain(given.get("units", restored.said_units()))  # an array as a unit becomes a list, which is refused
         except RecursionError:
             raise InputError(message(f"the {cls.__name__} data are nested too deeply, or contain themselves")) from None
-        left_out = {name for name in cls.added if name not in given}
-        if units != {name: unit for name, unit in restored.said_units().items() if name not in left_out}:
+        if units != restored.said_units():
             mend = "Use the units that to_dict gives: other units are not converted"
             raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
         return restored
@@ -204,7 +189,7 @@ def plain(value: Any) -> Any:
     if type(value) in _SCALARS:
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        return {"class": _name_class(type(value)), **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+        return {"class": type(value).__name__, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -240,7 +225,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
-        if isinstance(value, Mapping) and _read_class_name(value) == _name_class(hint):
+        if isinstance(value, Mapping) and _read_class_name(value) == _name_hint(hint):
             return _restore_fields(value, hint)
     elif _is_scalar(value, hint):
         return value
@@ -261,11 +246,6 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
     return name if isinstance(name, str) else ""
 
 
-def _name_class(kind: Any) -> str:
-    """The name of a dataclass in plain data: its ``written_as`` if it has one, which keeps a former name."""
-    return str(getattr(kind, "written_as", kind.__name__))
-
-
 def _describe_kind(value: Any) -> str:
     if isinstance(value, Mapping):
         return f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
@@ -280,12 +260,12 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
     if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
         return build.from_dict(value)  # a field written by its own to_dict
     known, hints = [f.name for f in fields(build)], get_type_hints(build)
-    what, added = f"the {build.__name__} data", getattr(build, "added", ())
-    if missing := [name for name in known if name not in value and name not in added]:
+    what = f"the {build.__name__} data"
+    if missing := [name for name in known if name not in value]:
         raise InputError(message(f"{what} lack {', '.join(missing)}"))
     if unknown := [show(name) for name in value if name not in (*known, "class")]:
         raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
-    given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known if name in value}
+    given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known}
     try:
         made = build(**given)
         if isinstance(made, Result):

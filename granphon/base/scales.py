@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from granphon.base.errors import InputError, message
+from granphon.base.text import require_schema
 
 __all__ = [
     "HertzPrefix",
@@ -26,6 +27,8 @@ __all__ = [
     "write_uncertain",
 ]
 
+#: version number of the block at the head of files for phonopy
+_HEADER_SCHEMA = 1
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
 _INFO = {
     "length": "granphon_length_m",
@@ -249,11 +252,11 @@ class WidthUnits:
         return overlap / self.width + 0.5
 
 
-def file_header(unit: HertzPrefix, scales: Units, schema: int, coordinates: Sequence[str]) -> list[str]:
+def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) -> list[str]:
     """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit, coordinates, scales in SI."""
     return [
         "granphon:",
-        f"  schema: {schema}",
+        f"  schema: {_HEADER_SCHEMA}",
         f"  frequency_unit: {unit.name}",
         f"  hertz: {unit.hertz!r}",
         f"  coordinates: [{', '.join(coordinates)}]",
@@ -261,15 +264,13 @@ def file_header(unit: HertzPrefix, scales: Units, schema: int, coordinates: Sequ
     ]
 
 
-def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
-    """The frequency unit, Hz, and the scales from a block that :func:`file_header` made.
+def read_header(path: object, own: Mapping[str, Any]) -> tuple[float, Units]:
+    """The frequency unit, Hz, and the scales from a block of the file ``path`` that :func:`file_header` made.
 
-    Raises :class:`InputError` for another schema, or for a frequency unit or scales that cannot be right.
+    Raises :class:`~granphon.base.errors.SchemaError` for another schema, and :class:`~granphon.base.errors.InputError` for a
+    frequency unit or scales that cannot be right.
     """
-    if own["schema"] not in (1, 2):
-        raise InputError(
-            message(f"its schema is {own['schema']!r}, and this granphon knows 1 and 2", mend="Update granphon")
-        )
+    require_schema(path, own["schema"], _HEADER_SCHEMA)
     hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
     if own["hertz"] != hertz:
         raise InputError("its unit of frequency and the size of it contradict each other")

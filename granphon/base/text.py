@@ -12,9 +12,19 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from numbers import Integral
 from typing import Any
 
-from granphon.base.errors import InputError, MissingFileError, MissingSceneError, Refused, SceneError, brief, message
+from granphon.base.errors import (
+    InputError,
+    MissingFileError,
+    MissingSceneError,
+    Refused,
+    SceneError,
+    SchemaError,
+    brief,
+    message,
+)
 from granphon.base.reading import plain_scalar, read_bytes
 
 __all__ = [
@@ -24,6 +34,7 @@ __all__ = [
     "dump_yaml",
     "parse_yaml",
     "read_text",
+    "require_schema",
     "show",
     "versions",
 ]
@@ -271,3 +282,11 @@ def versions(*packages: str) -> dict[str, str]:
     from granphon import __version__
 
     return {"granphon": __version__} | {package: version(package) for package in packages}
+
+
+def require_schema(what: object, found: Any, known: int) -> None:
+    """Raise :class:`~granphon.base.errors.SchemaError` unless the schema ``found`` in ``what`` is the one ``known``."""
+    if isinstance(found, bool) or not isinstance(found, Integral) or found != known:
+        why = f"granphon {versions()['granphon']} reads and writes schema {known}"
+        mend = "Read it with the version that wrote it, or make it again"
+        raise SchemaError(message(f"{what} has the schema {show(found)}", why, mend))

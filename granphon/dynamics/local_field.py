@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,9 +62,6 @@ class LocalField(Result):
     lattice : name of the lattice.
     bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
     """
-
-    #: fields that data written by an earlier version lack
-    added: ClassVar[tuple[str, ...]] = ("bending", "torsion")
 
     alpha: float | None
     beta: float | None

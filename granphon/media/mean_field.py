@@ -73,7 +73,7 @@ class LawMedium(Loaded[ContactState]):
         self._require_range(load, force, overlap, stiffness)
         return ContactState(
             packing=self.packing, medium=self.name, law=self.law, force=force[()], overlap=overlap[()],
-            normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=finite_overlap is not None,
+            normal_stiffness=stiffness[()], finite_overlap=follows,
         )  # fmt: skip
 
     def _solve_at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:

@@ -139,7 +139,7 @@ class SimulatedState(SampledWaves):
     spaced: bool = False
 
     @classmethod
-    def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load, overlap_given: bool = False) -> Self:
+    def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
         """Make the state of ``samples`` under an applied ``load``.
 
         Its force or overlap is exactly that of the load, if the load is given as one of these.
@@ -153,9 +153,8 @@ class SimulatedState(SampledWaves):
         delta = load.array if spaced else np.mean(overlaps, axis=-1)
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
-            overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
-            samples=tuple(samples), spaced=spaced,
-            finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
+            overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], samples=tuple(samples),
+            spaced=spaced, finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -334,17 +333,17 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        load, wanted, overlap_given = load.applied, read_finite_overlap(finite_overlap), finite_overlap is not None
+        load, wanted = load.applied, read_finite_overlap(finite_overlap)
         if self.geometry is None:
             return self._join(load, finite_overlap)
         if wanted and not self.is_exact:
             raise no_finite_overlap(self.name)
-        if overlap_given and self.is_exact and not wanted:
+        if finite_overlap is not None and self.is_exact and not wanted:
             why = "Balls that have their true geometry overlap as much as they do"
             raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
         prescribed = self.prescribed(load)
         if self.loading is not None:
-            return self._press(self.loading, load, prescribed, overlap_given)
+            return self._press(self.loading, load, prescribed)
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
@@ -357,7 +356,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
             for place in range(load.size)
             for index, equilibria in enumerate(found)
         ]
-        return SimulatedState.of(self, samples, load, overlap_given)
+        return SimulatedState.of(self, samples, load)
 
     def _join(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
         """Return the state at loads of which each has its own geometry."""
@@ -395,17 +394,16 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         load = _read_path(load, force=force, pressure=pressure, overlap=overlap)
         simulation = replace(self, ordered=True)
         loading, prescribed = replace(self.loading, ordered=True), simulation.prescribed(load)
-        return simulation._press(loading, load, prescribed, overlap_given=False, progress=progress)
+        return simulation._press(loading, load, prescribed, progress)
 
     def _press(
-        self, loading: Loading, load: Load, prescribed: Sequence[Prescribed], overlap_given: bool,
-        progress: Progress = silent,
-    ) -> SimulatedState:  # fmt: skip
+        self, loading: Loading, load: Load, prescribed: Sequence[Prescribed], progress: Progress = silent
+    ) -> SimulatedState:
         samples, reached, error = press_all(self, loading, prescribed, progress)
         if error is None:
-            return SimulatedState.of(self, samples, load, overlap_given)
+            return SimulatedState.of(self, samples, load)
         if reached:
-            error.reached = SimulatedState.of(self, samples, load.flat[reached], overlap_given)
+            error.reached = SimulatedState.of(self, samples, load.flat[reached])
         raise error
 
     def prescribed(self, load: Load) -> list[Prescribed]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,7 +28,7 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
-__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "read_finite_overlap", "with_keyword"]
+__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "read_finite_overlap"]
 
 Array = NDArray[np.float64]
 #: a number for a state at a single load, an array for a state at several loads
@@ -103,7 +102,6 @@ class ContactState(Result):
     finite_overlap : whether every result from the state includes the terms of relative order delta/d: spacing
         a = d - delta, lever arm a/2, prestress f/a; pressure and density of a boundary that shrinks with the balls.
     chosen : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
-    overlap_given : whether ``finite_overlap`` was given explicitly; False if it is the default.
     """
 
     units = {
@@ -122,7 +120,6 @@ class ContactState(Result):
     normal_stiffness: Values
     finite_overlap: bool = False
     chosen: bool = False
-    overlap_given: bool = field(default=False, repr=False, compare=False)
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
@@ -444,35 +441,6 @@ def given_state(state: ContactState) -> ContactState:
     if not isinstance(state, ContactState):
         raise InputError(message(f"state is {brief(state)}", mend="Give a ContactState, as medium.at_force gives it"))
     return state
-
-
-def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactState:
-    """Return the state with the deprecated keyword ``finite_overlap`` of the caller, a public function, applied.
-
-    None leaves the state as it is. Otherwise the keyword gives the value, with a DeprecationWarning. Raises
-    :class:`InputError` if the state was explicitly made with the other value, or if it is not a ContactState.
-    """
-    given_state(state)
-    if finite_overlap is None:
-        return state
-    wanted = read_finite_overlap(finite_overlap)
-    warnings.warn(
-        "functions that take a state no longer need the keyword finite_overlap, which goes away in granphon 0.3.0;"
-        " give it where the state is made, as in medium.at_force(f, finite_overlap=True)",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    if wanted == state.finite_overlap:
-        return state
-    if state.overlap_given:
-        raise InputError(
-            message(
-                f"the state was made with finite_overlap={state.finite_overlap}, and the keyword says {wanted}",
-                "Pressure, density, velocities and moduli of one state belong together",
-                f"Make the state with finite_overlap={wanted}, and leave the keyword out",
-            )
-        )
-    return replace(state, finite_overlap=wanted, overlap_given=True)
 
 
 def _unwrap_scalars(values: Any) -> Values:

@@ -86,7 +86,6 @@ class ContactNetwork(Result):
         ball i to ball j, balls whose distance differs from the two arms by a quarter, a contact that leaves the plane.
     """
 
-    added = ("tangential_force",)
     units = {
         "cell": "m", "positions": "m", "radii": "m", "masses": "kg", "inertias": "kg m^2", "normal_force": "N",
         "normal_stiffness": "N/m", "shear_stiffness": "N/m", "torsion_stiffness": "N m", "bending_stiffness": "N m",

@@ -14,7 +14,7 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.base.results import Result
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.state import ContactState, with_keyword
+from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.observables.velocities import choose_direction
 
@@ -59,7 +59,6 @@ def pulse_velocities(
     state: ContactState,
     frequency: ArrayLike,
     direction: ArrayLike | None = None,
-    finite_overlap: bool | None = None,
     branches: str | Sequence[str] | None = None,
 ) -> PulseVelocities:
     """Return phase and group velocity of the acoustic branches at a given frequency, m/s.
@@ -75,7 +74,6 @@ def pulse_velocities(
         may be left out on a chain, and where sound in the plane is isotropic, as on the triangular lattice: it is then x.
         In the named plane lattices (1, 0) is along a row of touching balls: Gamma-K of the triangular and kagome lattices
         (where (0, 1) is Gamma-M), and Gamma-X of the square lattice. In cubic ones x is along the cube.
-    finite_overlap : deprecated; the state says whether overlap is finite.
     branches : names of the branches, in the order of the result: "longitudinal" and "transverse"; in space, and on a chain
         that moves both ways across itself, "transverse_slow" and "transverse_fast"; "out_of_plane" on a plane of balls that
         move across it (:attr:`ContactState.wave_names`). By default those whose long waves have a velocity above zero, or
@@ -99,7 +97,7 @@ def pulse_velocities(
         load.
     MechanismError : a motion of the lattice costs no energy.
     """
-    state = with_keyword(state, finite_overlap)
+    given_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d, periods = state.packing.diameter, state.packing.structure.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)

@@ -19,7 +19,7 @@ from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT, expect_shear_deficit, find_left_out
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
-from granphon.media.state import ContactState, with_keyword
+from granphon.media.state import ContactState, given_state
 from granphon.networks.network import ContactNetwork
 
 __all__ = ["Check", "Tally", "Validity", "expect_warnings", "find_network_warnings", "validity"]
@@ -231,7 +231,7 @@ class Validity(Result):
         raise KeyError(name)
 
 
-def validity(state: ContactState, finite_overlap: bool | None = None) -> Validity:
+def validity(state: ContactState) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
 
     The quantities compared with limits are:
@@ -254,10 +254,8 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
       slip, as after a history with a friction coefficient of zero, unless its contacts stick;
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
       given in a wrong unit.
-
-    The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
-    return with_keyword(state, finite_overlap).once(_compute_validity)
+    return given_state(state).once(_compute_validity)
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:

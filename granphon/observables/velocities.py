@@ -14,7 +14,7 @@ from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
-from granphon.media.state import ContactState, given_state, with_keyword
+from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 
 __all__ = [
@@ -75,7 +75,6 @@ class SoundVelocities(Result):
     polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
     """
 
-    added = ("out_of_plane", "velocities", "polarisations", "twist")
     units = {
         "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
         "out_of_plane": "m/s", "velocities": "m/s", "twist": "m/s",
@@ -141,9 +140,7 @@ class SoundVelocities(Result):
         return None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
 
 
-def sound_velocities(
-    state: ContactState, direction: ArrayLike | None = None, finite_overlap: bool | None = None
-) -> SoundVelocities:
+def sound_velocities(state: ContactState, direction: ArrayLike | None = None) -> SoundVelocities:
     """Return the sound velocities, m/s (equations 13, 14, 16): those of waves that are long against the balls.
 
     Parameters
@@ -156,7 +153,6 @@ def sound_velocities(
         quasi-longitudinal wave is the one whose displacement is nearest to the direction. Of two transverse ones the slow
         one is the first; where their velocities are equal, as along [100] and [111] of a cubic lattice, the first of their
         polarisations is along the first of the axes x, y, z that are farthest from the longitudinal one.
-    finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
     ------
@@ -164,7 +160,7 @@ def sound_velocities(
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
-    state = with_keyword(state, finite_overlap)
+    given_state(state)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names, (v, vectors) = state.wave_names, state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
@@ -248,8 +244,6 @@ class Moduli(Result):
     anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the load; None likewise.
     warnings : one sentence for each limit of the model that the state exceeds.
     """
-
-    added = ("tensor_error", "anisotropy_error", "cubic")
 
     units = {
         "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
@@ -387,7 +381,7 @@ class Moduli(Result):
         return shears(self.tensor)
 
 
-def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
+def moduli(state: ContactState) -> Moduli:
     """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation 17), and averages.
 
     They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in N, which is its ``bulk``.
@@ -395,9 +389,9 @@ def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
     :class:`~granphon.base.errors.MechanismError` if a motion of the lattice costs no energy.
 
     With finite overlap these are the coefficients between Cauchy stress and strain under the static pressure, for which
-    equation (16) still holds. The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
+    equation (16) still holds.
     """
-    state = with_keyword(state, finite_overlap)
+    given_state(state)
     errors: dict[str, Any] = {}
     tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes
     if (every := state.sampled_tensors) is not None:

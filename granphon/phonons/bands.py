@@ -86,8 +86,6 @@ class Bands(Result):
         in the plane repeats along one.
     """
 
-    added = ("motions", "pbc")
-
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
     shapes = {
         "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d",
@@ -299,7 +297,7 @@ class Bands(Result):
         with require_own_file(path, "band.yaml"):
             data = plain_yaml(text, path)
             own, phonon = data["granphon"], data["phonon"]
-            hertz, scales = read_header(own)
+            hertz, scales = read_header(path, own)
             s, p = _read_sizes(data)
             points = data["points"]
             if _whole(data, "natom") != len(points):

@@ -37,7 +37,7 @@ from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.rows import contact_rows
-from granphon.media.state import ContactState, Law, with_keyword
+from granphon.media.state import ContactState, Law, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.contacts import ContactFinder, Deformations, find_motions
 from granphon.phonons.force_constants import assemble
@@ -59,7 +59,7 @@ _STRESS_ORDER = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 _EXTENTS = ("length along x", "area in the plane", "volume")
 
 
-def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
+def atoms(state: ContactState) -> Atoms:
     """Return one cell of the lattice in ``state`` as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
 
     Lengths and masses are in reduced units. The cell is primitive, with Cartesian axes along the cube of cubic lattices; for
@@ -67,10 +67,8 @@ def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
     the xy plane; across it the cell is one diameter thick and not periodic. With finite overlap the cell has the spacing
     a = d - delta. Arrays are those of a file ``sample.extxyz``.
 
-    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads. The keyword ``finite_overlap`` is
-    deprecated: the state says whether overlap is finite.
+    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads.
     """
-    state = with_keyword(state, finite_overlap)
     scales, lattice = state.scales, state.packing.structure
     spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
     cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
@@ -111,7 +109,6 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     Parameters
     ----------
     state : the state of the contacts, at one load.
-    finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
     ------
@@ -125,9 +122,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
     discard_results_on_any_change = True
 
-    def __init__(self, state: ContactState, finite_overlap: bool | None = None, **unknown: Any) -> None:
+    def __init__(self, state: ContactState, **unknown: Any) -> None:
         super().__init__(**unknown)
-        self.state = state = with_keyword(state, finite_overlap)
+        self.state = given_state(state)
         self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales
         self._overlap = float(state.relative_overlap)

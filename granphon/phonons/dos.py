@@ -14,6 +14,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
+from granphon.base.text import require_schema
 
 __all__ = ["DensityOfStates"]
 
@@ -21,8 +22,9 @@ Array = NDArray[np.float64]
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
 #: share of the largest density by which a density may be below zero
 _ROUNDING = 1e-9
-#: first comment of dos.csv, where the braces take the number of the schema
-_DOS_SCHEMA = "granphon density of states, schema {}, per ball"
+#: version number of dos.csv, and the first comment of the file, which holds it
+_DOS_SCHEMA = 1
+_DOS_HEAD = "granphon density of states, schema {}, per ball"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,7 +82,7 @@ class DensityOfStates(Result):
         """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
         comments = (
-            _DOS_SCHEMA.format(2),
+            _DOS_HEAD.format(_DOS_SCHEMA),
             f"method {self.method}, mesh {' '.join(map(str, self.mesh))}",
             *(f"warning: {warning}" for warning in self.warnings),
         )
@@ -96,10 +98,10 @@ class DensityOfStates(Result):
             comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
             what, how = comments[:2]
             words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", how)
-            # schema 1 differs only in that the heading stood below the comments
-            known = what in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2))
-            if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or not known or words is None:
+            schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), what)
+            if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or schema is None or words is None:
                 raise InputError("Its heading or its first comments are not those of a density of states")
+            require_schema(path, int(schema[1]), _DOS_SCHEMA)
             warnings = [line.removeprefix("warning: ") for line in comments[2:] if line.startswith("warning: ")]
             if len(warnings) != len(comments) - 2:
                 raise InputError("It has a comment that granphon does not write")

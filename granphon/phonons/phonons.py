@@ -23,7 +23,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.state import ContactState, with_keyword
+from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin
@@ -57,7 +57,6 @@ class Phonons:
     state : the state of the contacts, at one load.
     atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
         default one cell of the lattice.
-    finite_overlap : deprecated; the state says whether overlap is finite.
     dim : numbers of cells of the supercell for force constants, one for each period, such as (n1, n2), or (n1, n2, 1); by
         default the fewest with which no two balls touch through two images.
 
@@ -78,10 +77,9 @@ class Phonons:
         self,
         state: ContactState,
         atoms: Atoms | None = None,
-        finite_overlap: bool | None = None,
         dim: Sequence[int] | None = None,
     ) -> None:
-        self.state = state = with_keyword(state, finite_overlap)
+        self.state = state = given_state(state)
         self.scales: Units = state.scales
         if not isinstance(atoms, Atoms | None):
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
-from granphon.balls.motions import IN_PLANE, Motions, allowed_motions
+from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.base.scales import HertzPrefix, Units, file_header
@@ -51,14 +51,9 @@ def find_offset_phases(qpoints: Array, cell: Array) -> NDArray[np.complex128]:
 
 
 def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int) -> list[str]:
-    """Return the block ``granphon`` at the head of a file: scales, and what the coordinates of the atoms of a ball are.
-
-    Motions in the plane are written by schema 1, which has no others; schema 2 names the motions and the periods.
-    """
-    if (motions.name, periods) == (IN_PLANE.name, 2):
-        return file_header(unit, scales, 1, _name_coordinates(IN_PLANE))
+    """Return the block ``granphon`` at the head of a file: scales, and what the coordinates of the atoms of a ball are."""
     return [
-        *file_header(unit, scales, 2, _name_coordinates(motions)),
+        *file_header(unit, scales, _name_coordinates(motions)),
         f"  periods: {periods}",
         f"  motions: {motions.name}",
         f"  rotations: {str(motions.rotate).lower()}",
@@ -76,23 +71,16 @@ def _name_coordinates(motions: Motions) -> list[str]:
 def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple[Motions, int]:
     """Read the motions of a ball and the number of periods from a block of :func:`make_header`.
 
-    ``components`` is the number of motions of a ball in the file, if it is known; in schema 1 it alone tells whether balls
-    rotate. Raises
+    ``components`` is the number of motions of a ball in the file, if it is known. Raises
     :class:`~granphon.base.errors.InputError` for motions that there are not, or that are not so many.
     """
-    if own["schema"] == 1:
-        motions, periods, coordinates = IN_PLANE, 2, _name_coordinates(IN_PLANE)
-        if components == len(IN_PLANE.translations):
-            motions = replace(IN_PLANE, rotations=())
-    else:
-        periods, rotate = own["periods"], own["rotations"]
-        if periods not in (1, 2, 3) or not isinstance(rotate, bool):
-            raise InputError("It does not say how many periods the lattice has, and whether balls rotate")
-        named = allowed_motions(1)
-        if own["motions"] not in named:
-            raise InputError(f"Its motions are none of {', '.join(named)}")
-        motions = named[own["motions"]] if rotate else replace(named[own["motions"]], rotations=())
-        coordinates = _name_coordinates(motions)
+    periods, rotate, named = own["periods"], own["rotations"], allowed_motions(1)
+    if periods not in (1, 2, 3) or not isinstance(rotate, bool):
+        raise InputError("It does not say how many periods the lattice has, and whether balls rotate")
+    if own["motions"] not in named:
+        raise InputError(f"Its motions are none of {', '.join(named)}")
+    motions = named[own["motions"]] if rotate else replace(named[own["motions"]], rotations=())
+    coordinates = _name_coordinates(motions)
     if list(map(str, own["coordinates"])) != coordinates:
         raise InputError(f"its coordinates of a ball are not {', '.join(coordinates)}")
     if components not in (None, motions.count):

@@ -194,7 +194,7 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
         own = data["granphon"]
-        _, scales = read_header(own)
+        _, scales = read_header(path, own)
         masses, scale = _read_numbers(own["masses"], (-1,)), float(_read_numbers(own["force_constants_scale"], ()))
         n = len(masses)
         points = data["unit_cell"]["points"]

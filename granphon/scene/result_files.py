@@ -26,14 +26,18 @@ diameters.csv          the measured diameters, if they are too many for scene.ya
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granphon.base.errors import InputError, message
+from granphon.base.text import parse_yaml, read_text, require_schema
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
 __all__ = [
-    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE", "expected_files",
-    "figure_name", "list_files", "tell_undrawn", "wave_figures", "wave_files",
+    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SUMMARY_SCHEMA", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE",
+    "expected_files", "figure_name", "list_files", "read_summary", "tell_undrawn", "wave_figures", "wave_files",
 ]  # fmt: skip
 
 #: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
@@ -59,8 +63,20 @@ RESULT_FILES = (
     "sweep.nc", "sweep.csv", "sweep.png", *INCOMPLETE_FILES,
     *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
 )  # fmt: skip
+#: version number of summary.yaml, its key "schema"
+SUMMARY_SCHEMA = 1
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been written
 WORK_FILE = ".granphon-sweep"
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Read summary.yaml in the folder of a run; raises :class:`~granphon.base.errors.InputError` if it is not one."""
+    path = folder / "summary.yaml"
+    found = parse_yaml(read_text(path), str(path)).data
+    if not isinstance(found, dict):
+        raise InputError(message(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"))
+    require_schema(path, found.get("schema"), SUMMARY_SCHEMA)
+    return found
 
 
 def figure_name(bands: bool) -> str:

@@ -25,6 +25,7 @@ from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
     DIAMETERS_FILE,
     RESULT_FILES,
+    SUMMARY_SCHEMA,
     WAVE_FILES,
     WORK_FILE,
     expected_files,
@@ -42,9 +43,6 @@ if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
 __all__ = ["is_complete", "run"]
-
-#: version number of the layout of summary.yaml, its key "schema"
-SUMMARY_SCHEMA = 1
 
 
 def run(

@@ -13,6 +13,7 @@ from granphon.base.reading import plain_yaml, read_bytes
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
+from granphon.scene.result_files import read_summary
 
 if TYPE_CHECKING:
     from granphon.figures.runs import Run, SingleState
@@ -198,9 +199,8 @@ def _read_state(folder: Path) -> SingleState | None:
     from granphon.figures.runs import SingleState
     from granphon.scene.scene import Scene
 
-    numbers = parse_yaml(read_text(folder / _SUMMARY), str(folder / _SUMMARY)).data
-    scene = Scene.from_yaml(folder / _SCENE)
-    if scene.is_sweep or not isinstance(numbers, dict):
+    numbers, scene = read_summary(folder), Scene.from_yaml(folder / _SCENE)
+    if scene.is_sweep:
         return None
     units = {str(name): str(unit) for name, unit in (numbers.get("units") or {}).items()}
     kind = scene.load.applied.kind

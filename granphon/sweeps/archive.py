@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.quantities import LIGHT_VELOCITY, LOADS
 from granphon.base.reading import read_bytes
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import show
+from granphon.base.text import require_schema, show
 from granphon.observables.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ __all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes",
 
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
-#: version of the format, attribute "schema"; files of a higher one are refused
+#: version of the format, attribute "schema"; files of another one are refused
 SWEEP_SCHEMA = 1
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
@@ -172,11 +172,11 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : it is not a sweep, was damaged, was edited after granphon had written it, or has a newer schema.
+    InputError : it is not a sweep, was damaged, was edited after granphon had written it, or has another schema.
 
     Warns
     -----
-    UnverifiedFileWarning : the file carries no digest, like the files of older versions.
+    UnverifiedFileWarning : the file carries no digest.
     """
     raw = read_bytes(path, MAX_SWEEP)
     body, trailer = raw[:-_TRAILER_BYTES], raw[-_TRAILER_BYTES:]
@@ -189,15 +189,8 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     dataset = _open_checked(path, body)
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
-    schema: Any = dataset.attrs.get("schema")
-    if not isinstance(schema, int | np.integer):
-        what = f"{path} is damaged: its attribute schema is {show(schema)}, where a whole number is needed"
-        raise InputError(message(what, mend="Run the sweep again"))
-    number = int(schema)
-    if number > SWEEP_SCHEMA:
-        what = f"{path} has the schema {number}, newer than this granphon knows ({SWEEP_SCHEMA})"
-        raise InputError(message(what, mend="Update granphon"))
-    if number < 1 or _REQUIRED - set(dataset.variables):
+    require_schema(path, dataset.attrs.get("schema"), SWEEP_SCHEMA)
+    if _REQUIRED - set(dataset.variables):
         raise InputError(message(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"))
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):

@@ -81,7 +81,6 @@ class MeasuredPoint(Result):
     draws : number of runs that the errors are of.
     """
 
-    written_as = "Measured"
     units: ClassVar[dict[str, str]] = {
         "errors": "1", "reference_errors": "1", "stderrs": "1", "floor": "1", "seconds": "s", "spread": "s", "setup": "s",
         "memory": "B",

@@ -66,8 +66,6 @@ class Pulse(Result):
     fastest : (2,) m/s, bounds of the velocity of long waves: of those of this polarisation, and of all.
     """
 
-    added = ("echo", "fastest")
-
     units = {
         "frequency": "Hz", "damping": "s", "tangential_damping": "s", "distance": "m", "times": "s", "sent": "N",
         "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",

@@ -50,7 +50,6 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         where the sites of the lattice are no multiples of a 24th, or of a larger part, of its vectors.
     """
 
-    added = ("shortest",)
     units = {"q": "1/m", "shortest": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
     shapes = {"q": "n d", "shortest": "n d?", "frequencies": "f", "values": "n f"}
 
