@@ -1,17 +1,17 @@
 import errno
 import math
+import re
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
-from ruamel.yaml import YAML
 
 from granphon.base import text as files
-from granphon.base.errors import SceneError
-from granphon.base.reading import plain_yaml
-from granphon.base.text import closest, dump_yaml, parse_yaml, read_text, versions
+from granphon.base.errors import InputError, SceneError
+from granphon.base.text import closest, dump_yaml, parse_yaml, plain_yaml, read_text, versions
 
 # -- reading --------------------------------------------------------------------------------------------------------
 
@@ -98,6 +98,7 @@ def test_lines_of_keys_and_items() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.usefixtures("parser")
 @pytest.mark.parametrize(
     ("text", "line", "found"),
     [
@@ -110,6 +111,7 @@ def test_lines_of_keys_and_items() -> None:
         ("a: 1\n\tb: 2", 2, "broken YAML"),
         ("a: 'x", None, "broken YAML"),
         ('a: "\\q"', 1, "broken YAML"),
+        ('a: "\\U00110000"', 1, "broken YAML"),
         ("a: 1\nb: !!python/object:os.system echo", 2, "b: found the tag 'tag:yaml.org,2002:python/object:os.system'"),
         ("a: !foo 1", 1, "a: found the tag '!foo'"),
         ("a: !!str 1", 1, "a: found the tag"),
@@ -122,13 +124,18 @@ def test_lines_of_keys_and_items() -> None:
         ("a: &a [*a]", 1, "found an anchor or alias"),
         ("a: 1\n---\nb: 2", 2, "second document"),
         ("? [a]\n: 1", 1, "found a list or block as a key"),
+        ("[a]: 1\n", 1, "found a list or block as a key"),
+        ("a: {[b]: 1}\n", 1, "a: found a list or block as a key"),
         ("a: 1\nb: \x00", 2, "found the character '\\x00'"),
         ("a: \x1b[31m", 1, "found the character '\\x1b'"),
-        ('a: 1\nb: "\\0"', 2, "b: found the character '\\x00'"),
-        ('a: "\\ud800"', 1, "a: found the character '\\ud800'"),
+        ("a: \ud800", 1, "found the character '\\ud800'"),
+        ("a: 1 # \u2028 b: 2", 1, "found the character '\\u2028'"),
+        ("a: 1\nb: 1 # \x85c: 2", 2, "found the character '\\x85'"),
         ("a: " + "[" * 40 + "]" * 40, 1, "levels of nesting"),
         ("a: " + "[" * 20_000, 1, "levels of nesting"),
         ("a: " + "{b: " * 40, 1, "levels of nesting"),
+        ("[" * 13 + "]" * 13, 1, "found more than 12 levels of nesting"),
+        ("[" * 100_000, 1, "found more than 12 levels of nesting"),
     ],
 )
 def test_refused_text(text: str, line: int | None, found: str) -> None:
@@ -139,6 +146,18 @@ def test_refused_text(text: str, line: int | None, found: str) -> None:
     assert "allowed: " in message
     assert message.startswith("t.yaml:" if line is None else f"t.yaml:{line}: ")
     assert "\n" not in message
+    # and of a result in the same words, but for where a key stands first, and what there should be
+    with pytest.raises(InputError) as caught:
+        plain_yaml(text, "t.yaml")
+    assert str(caught.value).split("; ")[0] == re.sub(r" \(first on .*?\)", "", message).split("; ")[0]
+
+
+@pytest.mark.usefixtures("parser")
+@pytest.mark.parametrize("escape", ["\\0", "\\x07", "\\ud800"])
+def test_a_scene_holds_no_odd_characters_as_escapes_either(escape: str) -> None:
+    for text, where in ((f'b: 1\na: "{escape}"', "2: (a: )?"), (f'b: 1\n"{escape}": 1', "2: ")):
+        with pytest.raises(SceneError, match=rf"^t:{where}(found the character '\\|broken YAML, found invalid Unicode)"):
+            parse_yaml(text, "t")
 
 
 @given(st.text(alphabet=st.sampled_from(list("ab:-[]{}&*!|>'\"%@`#,? \n\t0.~\\xu\x85<=")), max_size=60))
@@ -204,14 +223,13 @@ plain = st.recursive(
 @example({"a: b": 1, "yes": {"#": [{"": None}]}})
 @given(st.dictionaries(keys, plain, min_size=1, max_size=4))
 def test_dumped_yaml_is_read_back_by_another_reader(data: dict[str, object]) -> None:
-    assert YAML(typ="safe", pure=True).load(dump_yaml(data)) == data
+    text = dump_yaml(data)
+    assert yaml.safe_load(text) == plain_yaml(text, "x") == data
 
 
 @pytest.mark.parametrize("value", [1e-5, 1e22, -1.5e300, 5e-324, 0.1])
 def test_dumped_floats_are_floats_to_readers_of_yaml_11(value: float) -> None:
-    reader = YAML(typ="safe", pure=True)
-    reader.version = (1, 1)
-    read = reader.load(dump_yaml({"a": value}))["a"]
+    read = yaml.safe_load(dump_yaml({"a": value}))["a"]
     assert isinstance(read, float)
     assert read == value
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.staging import ResultFiles
-from granphon.base.text import parse_yaml, read_text
+from granphon.base.text import read_yaml
 from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
 from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
 from granphon.scene.sweep_figures import draw_sweep
@@ -143,7 +143,7 @@ def _find_lattice(source: Path) -> ContactLattice:
         return ideal_lattice(scene.packing)
     if not scene.media[0].is_exact:
         return contact_lattice(scene.state())
-    found = parse_yaml(read_text(source / "summary.yaml"), "summary.yaml").data
+    found = read_yaml(source / "summary.yaml")
     numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
     medium, law = scene.media[0].name, scene.packing.law
     return contact_lattice(ContactState(scene.packing, medium, law, **numbers, finite_overlap=True))
