@@ -738,9 +738,9 @@ SIMULATED = FULL.replace("medium: ema", "medium:\n  simulation:\n    shape: 64 6
 def test_mutated_scenes_are_read_or_refused(name):
     ours = {"swept": SWEPT, "simulated": SIMULATED}
     base = ours[name] if name in ours else (PRESETS / f"{name}.yaml").read_text()
-    rng = random.Random(name)
+    rng = random.Random(f"a {name}")
     messages = []
-    for _ in range(300):
+    for _ in range(250):
         text = base
         for _ in range(rng.randint(1, 3)):
             # of the text that counts, not of the comments
@@ -754,7 +754,7 @@ def test_mutated_scenes_are_read_or_refused(name):
             messages.append(str(error))
         else:
             assert Scene.from_text(scene.to_yaml()) == scene
-    assert 60 < len(messages) < 300
+    assert 60 < len(messages) < 250
     for message in messages:
         assert message.startswith("mutant.yaml:")
         assert "\n" not in message
