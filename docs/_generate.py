@@ -52,7 +52,7 @@ from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, FREQUENCY, LENGTH, LOADS, MODULUS, TIME, WIDTH
 from granphon.base.results import Result
 from granphon.base.tables import Table
-from granphon.base.text import parse_yaml
+from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
 from granphon.fits.fit import FIT_FILES
@@ -381,7 +381,7 @@ class Results:
 
     def yaml(self, name: str, file: str) -> Any:
         """A whole file, read."""
-        return parse_yaml((self.folder / name / file).read_text(encoding="utf-8"), file).data
+        return plain_yaml((self.folder / name / file).read_text(encoding="utf-8"), file)
 
     def row(
         self, name: str, value: Any, units: Mapping[str, str] | None = None, words: Mapping[str, str] | None = None
@@ -486,7 +486,7 @@ def band_fields(results: Results) -> str:
 def phonopy_fields(results: Results) -> str:
     """What the block ``granphon`` of phonopy_params.yaml has besides."""
     text = (results.folder / "all" / "phonopy_params.yaml").read_text(encoding="utf-8")
-    own = parse_yaml("".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head").data["granphon"]
+    own = plain_yaml("".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head")["granphon"]
     shared = results.yaml("all", "band.yaml")["granphon"]
     return table(HEADS, (results.row(name, value) for name, value in own.items() if name not in shared))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ruamel.yaml import YAML
+import yaml
 from test_structure import PACKAGE
 
 import granphon
@@ -57,7 +57,7 @@ def test_the_lowest_versions_are_those_of_the_project():
 
 
 def test_the_versions_of_a_release_agree():
-    cited = YAML(typ="safe").load(read("CITATION.cff"))
+    cited = yaml.safe_load(read("CITATION.cff"))
     latest = re.search(r"^## (\S+) \((.+)\)$", read("CHANGELOG.md"), re.MULTILINE)
     assert latest is not None
     assert granphon.__version__ == version("granphon") == cited["version"] == latest[1]
@@ -78,7 +78,7 @@ def test_each_version_of_the_changelog_has_a_list_of_each_kind_once():
 
 
 def test_the_hooks_run_what_the_extra_installs_and_all_that_a_change_must_pass():
-    (repository,) = YAML(typ="safe").load(read(".pre-commit-config.yaml"))["repos"]
+    (repository,) = yaml.safe_load(read(".pre-commit-config.yaml"))["repos"]
     assert repository["repo"] == "local"
     hooks = {hook["id"]: hook for hook in repository["hooks"]}
     assert all(hook["language"] == "system" for hook in hooks.values()), "a hook that fetches its own versions"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import phonopy
 import pytest
-from ruamel.yaml import YAML
+import yaml
 from warm import Warm
 
 import granphon as gp
@@ -91,7 +91,7 @@ def script(folder, text):
 
 
 def head(path):
-    return YAML(typ="safe").load(path.read_text(encoding="utf-8").split("\nphonopy:", 1)[0])["granphon"]
+    return yaml.safe_load(path.read_text(encoding="utf-8").split("\nphonopy:", 1)[0])["granphon"]
 
 
 def without_flat_bands(found, count):
@@ -114,7 +114,7 @@ def test_the_phonopy_command_without_options(case, tmp_path):
     own = head(tmp_path / "phonopy_params.yaml")
     assert gp.Units.from_info(own) == ph.scales
     assert HertzPrefix.named(own["frequency_unit"]).hertz == own["hertz"]
-    out = YAML(typ="safe").load((tmp_path / "band.yaml").read_text())
+    out = yaml.safe_load((tmp_path / "band.yaml").read_text())
     q = np.array([point["q-position"] for point in out["phonon"]])
     found = np.array([[mode["frequency"] for mode in point["band"]] for point in out["phonon"]])
     expected = ph.frequencies(q) / own["hertz"]
@@ -224,7 +224,7 @@ def test_phonopys_own_file_would_not_do(tmp_path):
     bare.force_constants = ph.phonopy.force_constants
     bare.save(tmp_path / "phonopy_params.yaml", settings={"force_constants": True})
     run(tmp_path, "phonopy", "phonopy_params.yaml", "--band", PATH)
-    out = YAML(typ="safe").load((tmp_path / "band.yaml").read_text())
+    out = yaml.safe_load((tmp_path / "band.yaml").read_text())
     at_gamma = np.array([mode["frequency"] for mode in out["phonon"][0]["band"]])
     assert np.abs(at_gamma).max() < 1e-3, "the rotational branch has fallen to zero"
 
@@ -366,9 +366,7 @@ def test_the_unit_is_chosen_for_the_top(diameter, tmp_path):
     ph = gp.Phonons(at_overlap(1e-6, diameter=diameter))
     ph.save(tmp_path / "phonopy_params.yaml")
     ph.bands("GK", npoints=3).write(tmp_path / "band.yaml")
-    one, other = (
-        YAML(typ="safe").load((tmp_path / n).read_text())["granphon"] for n in ("phonopy_params.yaml", "band.yaml")
-    )
+    one, other = (yaml.safe_load((tmp_path / n).read_text())["granphon"] for n in ("phonopy_params.yaml", "band.yaml"))
     assert one["frequency_unit"] == other["frequency_unit"]
     assert 1.0 <= ph.frequencies([[0, 0]]).max() / one["hertz"] < 1000.0
 

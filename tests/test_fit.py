@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from ruamel.yaml import YAML
 from scipy.optimize import curve_fit
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import kstest
@@ -18,7 +18,7 @@ from scipy.stats import kstest
 import granphon as gp
 from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
-from granphon.base.reading import plain_yaml
+from granphon.base.text import plain_yaml
 from granphon.fits.fit import WidthFit, convert_pressure, fit_width
 from granphon.fits.goodness import compute_leverages, find_rounding
 from granphon.fits.measurements import Measurements
@@ -602,7 +602,7 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     text = (tmp_path / "fit.yaml").read_text(encoding="utf-8")
     for name in ("width", "stderr", "std", "std_stderr", "p"):
         assert re.search(rf"^{name}: {getattr(fit, name)!r}$".replace("+", r"\+"), text, re.MULTILINE)
-    data = YAML(typ="safe").load(text)
+    data = yaml.safe_load(text)
     assert WidthFit.from_dict(data) == WidthFit.from_dict(plain_yaml(text, "fit.yaml")) == fit
     data["velocity"][3] *= 1.0000001
     with pytest.raises(InputError, match="was damaged"):

@@ -48,7 +48,7 @@ BANDS = {"band.yaml", "phonopy_params.yaml"}
 
 #: libraries that are not among the costly ones
 LIGHT = (
-    "numpy", "pint", "typer", "ruamel.yaml", "yaml", "h5py", "PIL.Image", "pyparsing", "dateutil.parser",
+    "numpy", "pint", "typer", "yaml", "h5py", "PIL.Image", "pyparsing", "dateutil.parser",
     "multiprocessing", "concurrent.futures",
 )  # fmt: skip
 

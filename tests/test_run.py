@@ -18,9 +18,9 @@ from pathlib import Path
 import ase.io
 import numpy as np
 import pytest
+import yaml
 from conftest import only
 from numpy.testing import assert_array_equal
-from ruamel.yaml import YAML
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
@@ -70,7 +70,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def summary(folder: str) -> dict:
-    return YAML(typ="safe").load((Path(folder) / "summary.yaml").read_text())
+    return yaml.safe_load((Path(folder) / "summary.yaml").read_text())
 
 
 def listed(folder: Path) -> set[str]:

@@ -738,7 +738,7 @@ SIMULATED = FULL.replace("medium: ema", "medium:\n  simulation:\n    shape: 64 6
 def test_mutated_scenes_are_read_or_refused(name):
     ours = {"swept": SWEPT, "simulated": SIMULATED}
     base = ours[name] if name in ours else (PRESETS / f"{name}.yaml").read_text()
-    rng = random.Random(name)
+    rng = random.Random(f"a {name}")
     messages = []
     for _ in range(250):
         text = base

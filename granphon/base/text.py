@@ -1,4 +1,4 @@
-"""Reading YAML together with its line numbers, and writing plain data as YAML.
+"""Reading YAML that is plain data, with its line numbers, and writing plain data as YAML.
 
 Only plain YAML 1.2 is read: no tags, no anchors, no merging, every key once.
 """
@@ -9,7 +9,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from numbers import Integral
@@ -25,7 +25,7 @@ from granphon.base.errors import (
     brief,
     message,
 )
-from granphon.base.reading import plain_scalar, read_bytes
+from granphon.base.reading import read_bytes, read_utf8
 
 __all__ = [
     "Document",
@@ -33,7 +33,9 @@ __all__ = [
     "counted",
     "dump_yaml",
     "parse_yaml",
+    "plain_yaml",
     "read_text",
+    "read_yaml",
     "require_schema",
     "show",
     "versions",
@@ -43,9 +45,18 @@ __all__ = [
 MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read
 MAX_DEPTH = 12
+#: the most digits of a whole number: as many as Python converts whatever its own limit is, and more than a float has
+_MOST_DIGITS = 640
 
-#: characters that are refused in a text: control characters and lone surrogates
+#: characters that are refused in a scene: control characters and lone surrogates
 _ODD = re.compile(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+#: and, where they are no escapes, in every text: also what ends a line in YAML 1.1 alone
+_ODD_IN_TEXTS = re.compile(_ODD.pattern + r"|[\x85\u2028\u2029]")
+_NULL = re.compile(r"(?:|~|null|Null|NULL)")
+_TRUTH = re.compile(r"true|True|TRUE|false|False|FALSE")
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 #: words that readers of YAML 1.1 or 1.2 do not take for a text
 _NO_TEXTS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
@@ -103,106 +114,156 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 
 def parse_yaml(text: str, name: str) -> Document:
-    """Read a YAML text.
+    """Read the YAML of a scene, as :func:`plain_yaml` does, with the line of each key.
 
-    Only mappings, lists and plain values are taken; booleans are ``true`` and ``false`` (YAML 1.2), numbers have no
-    underscores. Raises :class:`~granphon.base.errors.SceneError`, which names file and line, for broken YAML, an empty text,
-    a second document, a key given twice, a tag (``!!python/object``), an anchor or alias, deep nesting, and control
-    characters.
+    Raises :class:`~granphon.base.errors.SceneError`, also for escapes that stand for control characters.
     """
-    odd = _ODD.search(text)
-    if odd:
-        line = text.count("\n", 0, odd.start()) + 1
-        raise SceneError(f"{name}:{line}: found the character {odd[0]!r}; allowed: printable text. Is this the right file?")
-    return _Builder(text, name).build()
+    lines: dict[Path_, int] = {}
+    try:
+        return Document(name, _Builder(text, name, lines).build(), lines)
+    except InputError as error:
+        raise SceneError(str(error)) from None
+
+
+def read_yaml(path: str | os.PathLike[str]) -> Any:
+    """The data of a YAML file, read as :func:`plain_yaml` does."""
+    return plain_yaml(read_utf8(path), path)
+
+
+def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
+    """The data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing else.
+
+    Plain values are those of YAML 1.2, see :func:`plain_scalar`. Raises :class:`~granphon.base.errors.InputError`, which
+    names file and line, for broken YAML, an empty text, a second document, a key given twice, a list or block as a key, a
+    tag (``!!python/object``), an anchor or alias, deep nesting, and control characters.
+    """
+    return _Builder(text, str(path)).build()
 
 
 class _Builder:
-    """Builds plain data from the events of the YAML parser; nothing in the text can name what is constructed."""
+    """Builds plain data from the events of PyYAML's parser; nothing in the text can name what is constructed.
 
-    def __init__(self, text: str, name: str) -> None:
-        self.text, self.name = text, name
-        self.lines: dict[Path_, int] = {}
-        self.at = 1
+    ``lines`` is given for a scene, and takes the line of each key and item; it costs time where there are millions.
+    """
 
-    def build(self) -> Document:
-        self.events = self._read_events()
-        _, first = next(self.events), next(self.events)
-        if type(first).__name__ == "StreamEndEvent":
-            raise self._make_error("found an empty text", "a scene", "'granphon init' writes one")
-        data = self._build_value((), 0)
-        next(self.events)
-        if type(next(self.events)).__name__ != "StreamEndEvent":
-            raise self._make_error(
-                "found a second document ('---')", "one document", "Put the second into a file of its own"
-            )
-        return Document(self.name, data, self.lines)
+    def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
+        self.text, self.name, self.lines = text, name, lines
+        self.path: list[str | int] = []
+        self.at: int | None = None
+        self.event: Any = None
 
-    def _read_events(self) -> Iterator[Any]:
-        from ruamel.yaml import YAML
-        from ruamel.yaml.error import MarkedYAMLError
+    def build(self) -> Any:
+        import yaml
 
+        if odd := _ODD_IN_TEXTS.search(self.text):
+            self.at = self.text.count("\n", 0, odd.start()) + 1
+            raise self._make_error(f"found the character {odd[0]!r}", "printable text", "Is this the right file?")
+        # libyaml, where it is installed, reads the same events about ten times faster
+        self.events = yaml.parse(self.text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        self.kinds = yaml.ScalarEvent, yaml.SequenceStartEvent, yaml.SequenceEndEvent, yaml.MappingEndEvent
         try:
-            for event in YAML(typ="safe", pure=True).parse(self.text):
-                self.at = event.start_mark.line + 1
-                yield event
-        except MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            self.at = mark.line + 1 if mark is not None else self.at
-            raise self._make_error(
-                f"broken YAML, {error.problem or error.context}", "YAML", _explain_problem(str(error.problem))
-            ) from None
-        except Exception as error:  # any other error of the parser is due to the text too
-            raise self._make_error(f"broken YAML ({error})", "YAML") from None
+            self._read_event()
+            if not isinstance(self._read_event(), yaml.DocumentStartEvent):
+                scene = ("a scene", "'granphon init' writes one") if self.lines is not None else ("plain data",)
+                raise self._make_error("found an empty text", *scene)
+            data = self._build_value(self._read_event())
+            self._read_event()
+            if not isinstance(self._read_event(), yaml.StreamEndEvent):
+                mend = "Put the second into a file of its own"
+                raise self._make_error("found a second document ('---')", "one document", mend)
+        except InputError:
+            raise
+        except Exception as error:  # of the parser, which is due to the text
+            raise self._explain_broken(error) from None
+        return data
 
-    def _make_error(self, what: str, allowed: str, mend: str = "", at: int | None = None) -> SceneError:
-        return SceneError(f"{self.name}:{at or self.at}: {what}; allowed: {allowed}." + (f" {mend}." if mend else ""))
+    def _read_event(self) -> Any:
+        self.event = next(self.events)
+        return self.event
 
-    def _build_value(self, path: Path_, depth: int, event: Any = None) -> Any:
-        event = event or next(self.events)
-        kind = type(event).__name__
-        self.lines.setdefault(path, self.at)
-        where = ".".join(str(p) for p in path)
-        where = f"{where}: " if where.isprintable() and where else ""
-        if kind == "AliasEvent" or getattr(event, "anchor", None) is not None:
-            raise self._make_error(f"{where}found an anchor or alias (& or *)", "plain values", "Write the value out")
-        if getattr(event, "tag", None) is not None:
-            raise self._make_error(f"{where}found the tag {show(str(event.tag))}", "plain values", "Leave the tag out")
-        if depth > MAX_DEPTH:
-            raise self._make_error(f"{where}found more than {MAX_DEPTH} levels of nesting", "the levels of a scene")
-        if kind == "ScalarEvent":
-            if odd := _ODD.search(event.value):
-                raise self._make_error(f"{where}found the character {odd[0]!r}", "printable text")
+    def _make_error(self, found: str, allowed: str, mend: str = "") -> InputError:
+        line = self.at or (self.event.start_mark.line + 1 if self.event is not None else 1)
+        key = ".".join(map(str, self.path))
+        where = f"{self.name}:{line}: " + (f"{key}: " if key.isprintable() and key else "")
+        return InputError(message(f"{where}{found}; allowed: {allowed}", mend=mend))
+
+    def _explain_broken(self, error: Exception) -> InputError:
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        if mark is not None:
+            self.at = mark.line + 1
+        self.path.clear()
+        problem = " ".join(str(getattr(error, "problem", None) or error).split())
+        if "nesting depth" in problem:  # libyaml has a limit of its own, and reads ahead of the events
+            return self._refuse_depth()
+        line = "".join(self.text.splitlines()[self.at - 1 : self.at]) if self.at else ""
+        mend = "Indent with spaces" if "\t" in line[: len(line) - len(line.lstrip())] else ""
+        if "mapping values are not allowed" in problem:
+            mend = "Check the indentation, and that each key has a line of its own"
+        return self._make_error(f"broken YAML, {problem}", "YAML", mend)
+
+    def _refuse_depth(self) -> InputError:
+        return self._make_error(f"found more than {MAX_DEPTH} levels of nesting", "plain data")
+
+    def _build_value(self, event: Any) -> Any:
+        scalar, sequence, sequence_end, mapping_end = self.kinds
+        self._check_node(event)
+        if type(event) is scalar:
             try:
                 return plain_scalar(event.value) if event.implicit[0] else event.value
             except Refused as refused:
-                raise self._make_error(f"{where}found {refused.found}", refused.allowed) from None
-        if kind == "SequenceStartEvent":
+                raise self._make_error(f"found {refused.found}", refused.allowed) from None
+        path = self.path
+        if len(path) >= MAX_DEPTH:
+            raise self._refuse_depth()
+        if type(event) is sequence:
             items: list[Any] = []
-            while type(event := next(self.events)).__name__ != "SequenceEndEvent":
-                items.append(self._build_value((*path, len(items)), depth + 1, event))
+            while type(event := self._read_event()) is not sequence_end:
+                path.append(len(items))
+                items.append(self._build_value(event))
+                path.pop()
             return items
         mapping: dict[str, Any] = {}
-        while type(event := next(self.events)).__name__ != "MappingEndEvent":
-            if type(event).__name__ != "ScalarEvent":
-                raise self._make_error(f"{where}found a list or block as a key", "a word")
-            key, here = event.value, (*path, event.value)
+        while type(event := self._read_event()) is not mapping_end:
+            if type(event) is not scalar:
+                raise self._make_error("found a list or block as a key", "a word")
+            key = event.value
+            path.append(key)
             if key in mapping:
-                raise self._make_error(
-                    f"{'.'.join(map(str, here))}: found the key twice (first on line {self.lines[here]})",
-                    "each key once", "Remove one of the two",
-                )  # fmt: skip
-            self._build_value(here, depth + 1, event)  # notes the key's line, and refuses a tag or anchor on the key
-            mapping[key] = self._build_value(here, depth + 1)
+                first = f" (first on line {self.lines[tuple(path)]})" if self.lines is not None else ""
+                raise self._make_error(f"found the key twice{first}", "each key once", "Remove one of the two")
+            self._check_node(event)  # notes the key's line
+            mapping[key] = self._build_value(self._read_event())
+            path.pop()
         return mapping
 
+    def _check_node(self, event: Any) -> None:
+        """Note the line of a node; refuse an anchor, an alias, a tag, and in a scene odd characters."""
+        if event.anchor is not None:
+            raise self._make_error("found an anchor or alias (& or *)", "plain values", "Write the value out")
+        if event.tag is not None:
+            raise self._make_error(f"found the tag {show(event.tag)}", "plain values", "Leave the tag out")
+        if self.lines is not None:
+            self.lines.setdefault(tuple(self.path), event.start_mark.line + 1)
+            if type(event) is self.kinds[0] and (odd := _ODD.search(event.value)):
+                raise self._make_error(f"found the character {odd[0]!r}", "printable text")
 
-def _explain_problem(problem: str) -> str:
-    if "\\t" in problem or "tab" in problem:
-        return "Indent with spaces"
-    if "mapping values are not allowed" in problem:
-        return "Check the indentation, and that each key has a line of its own"
-    return ""
+
+def plain_scalar(text: str) -> Any:
+    """The value of a text written without quotes, by the core schema of YAML 1.2.
+
+    Raises :class:`~granphon.base.errors.Refused` for a whole number of more than 640 digits.
+    """
+    if _FLOAT.fullmatch(text):
+        if not _WHOLE.fullmatch(text):
+            return float(text)
+        if (digits := len(text.lstrip("+-"))) > _MOST_DIGITS:
+            raise Refused(f"a whole number of {digits} digits", f"whole numbers of {_MOST_DIGITS} digits at most")
+        return int(text)
+    if _NULL.fullmatch(text):
+        return None
+    if _TRUTH.fullmatch(text):
+        return text.lower() == "true"
+    return float(text.replace(".", "", 1)) if _NOT_FINITE.fullmatch(text) else text
 
 
 def show(value: Any) -> str:

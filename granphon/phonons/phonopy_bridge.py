@@ -21,10 +21,9 @@ from phonopy.structure.atoms import PhonopyAtoms
 from granphon.balls.motions import Motions
 from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, UnsupportedError, message
-from granphon.base.reading import plain_yaml
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import versions
+from granphon.base.text import plain_yaml, versions
 from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, message
-from granphon.base.text import parse_yaml, read_text, require_schema
+from granphon.base.text import read_yaml, require_schema
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
@@ -72,7 +72,7 @@ WORK_FILE = ".granphon-sweep"
 def read_summary(folder: Path) -> dict[str, Any]:
     """Read summary.yaml in the folder of a run; raises :class:`~granphon.base.errors.InputError` if it is not one."""
     path = folder / "summary.yaml"
-    found = parse_yaml(read_text(path), str(path)).data
+    found = read_yaml(path)
     if not isinstance(found, dict):
         raise InputError(message(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"))
     require_schema(path, found.get("schema"), SUMMARY_SCHEMA)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles
-from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
+from granphon.base.text import dump_yaml, read_yaml, versions
 from granphon.base.written_files import is_written, read_written_files
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
@@ -140,7 +140,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     if not all(name in written for name in expected_files(scene, figures=False)):
         return False
     try:
-        made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
+        made = read_yaml(target / "summary.yaml")["versions"]
         if type(scene)(**Origin.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):

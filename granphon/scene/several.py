@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError, message
-from granphon.base.reading import plain_yaml, read_bytes
+from granphon.base.reading import read_bytes
 from granphon.base.staging import ResultFiles
-from granphon.base.text import parse_yaml, read_text
+from granphon.base.text import read_yaml
 from granphon.base.written_files import read_written_files
 from granphon.scene.result_files import read_summary
 
@@ -114,7 +114,7 @@ def _list_results(folder: Path) -> set[str]:
     """Return the names of the files of the run in ``folder``, as granphon's hidden list or summary.yaml tells them."""
     names = set(read_written_files(folder))
     with suppress(InputError, AttributeError, TypeError):  # without a summary that can be read, the list alone counts
-        names |= set(parse_yaml(read_text(folder / _SUMMARY), _SUMMARY).data.get("files", ()))
+        names |= set(read_yaml(folder / _SUMMARY).get("files", ()))
     return names
 
 
@@ -188,10 +188,7 @@ def read_fit(path: Path) -> WidthFit:
     """Read the fit of a fit.yaml."""
     from granphon.fits.fit import WidthFit
 
-    try:
-        return WidthFit.from_dict(plain_yaml(read_bytes(path).decode("utf-8"), str(path)))
-    except UnicodeDecodeError:
-        raise InputError(message(f"{path} is not a fit.yaml written by granphon")) from None
+    return WidthFit.from_dict(read_yaml(path))
 
 
 def _read_state(folder: Path) -> SingleState | None:

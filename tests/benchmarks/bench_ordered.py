@@ -231,7 +231,7 @@ def command(repeats: int) -> list[Row]:
             own=process(
                 sys.executable,
                 "-c",
-                "import granphon.cli.commands, granphon.scene.run, granphon.scene.scene, pint, ruamel.yaml",
+                "import granphon.cli.commands, granphon.scene.run, granphon.scene.scene, pint, yaml",
             ),
         )
     what = "`granphon run examples/steel_hexagon.yaml`, a process"
