@@ -28,7 +28,7 @@ from typing import Any, Self
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
 from granphon.base.written_files import LIST, digest_file, is_written, read_record, read_written_files, write_list_text
 
-__all__ = ["ResultFiles", "write_bytes", "write_text"]
+__all__ = ["ResultFiles", "has_locks", "write_bytes", "write_text"]
 
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
@@ -53,6 +53,16 @@ else:
 
     def _lock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def has_locks(descriptor: int) -> bool:
+    """Whether the file system of an open file supports the locks of POSIX, which SQLite uses."""
+    try:
+        if sys.platform != "win32":
+            fcntl.lockf(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in _NO_LOCKS
+    return True
 
 
 # -- a result in its folder ------------------------------------------------------------------------------------------
