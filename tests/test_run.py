@@ -27,8 +27,7 @@ from ruamel.yaml import YAML
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import FileExistsInRunError, InputError
-from granphon.base.staging import LOCK, ResultFiles
-from granphon.base.written_files import LIST
+from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.commands import main
 from granphon.cli.wording import write_uncertain
 from granphon.scene.redraw import redraw
@@ -929,20 +928,21 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
 
 
 @pytest.mark.parametrize(
-    "moment", ["granphon.base.staging._exchange", "granphon.sweeps.store.Store.clear", "granphon.cli.scenes.say_table"]
+    "moment", ["granphon.base.staging._finish", "granphon.sweeps.store.Store.clear", "granphon.cli.scenes.say_table"]
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
     from granphon.base import staging
     from granphon.cli import scenes
     from granphon.sweeps import store
 
-    places = {"_exchange": staging, "clear": store.Store, "say_table": scenes}
+    places = {"_finish": staging, "clear": store.Store, "say_table": scenes}
     name = moment.rpartition(".")[2]
     before = getattr(places[name], name)
 
     def then(*arguments):
         before(*arguments)
-        raise KeyboardInterrupt
+        if name != "_finish" or len(arguments) == 1:  # another argument: before the result is written
+            raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(places[name], name, then)

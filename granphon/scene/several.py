@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.reading import plain_yaml, read_bytes
-from granphon.base.staging import ResultFiles
+from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import parse_yaml, read_text
-from granphon.base.written_files import read_written_files
 
 if TYPE_CHECKING:
     from granphon.figures.runs import Run, SingleState
