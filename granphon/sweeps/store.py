@@ -1,7 +1,7 @@
 """The store of finished tasks: one SQLite file, in which the result of each task is kept as soon as it is found.
 
-The table ``task`` has, by the name of the task, the entry of its result: a SHA-256, and the arrays as numpy saves them
-without Python objects. Nothing that is read is ever executed. What is kept survives a kill, on network file systems too,
+The table ``task`` has, by the name of the task, the entry of its result: a SHA-256, and the bytes of its arrays with their
+types and shapes. Nothing that is read is ever executed. What is kept survives a kill, on network file systems too,
 where SQLite's write-ahead log would not work: its journal is a file. The disk, which takes a hundred times as long, is
 waited for once a second; so a crash of the machine may lose the last second, or damage the file.
 """
@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import io
 import json
+import math
 import os
 import sqlite3
 import stat
@@ -37,8 +37,6 @@ HEAD = 32
 #: the table; entries longer than a piece, in bytes, take several rows, as no value of SQLite may have more than 1 GB
 _TABLE = "CREATE TABLE task (name TEXT, piece INTEGER, entry BLOB, PRIMARY KEY (name, piece))"
 _PIECE = 2**28
-#: greatest size of numpy's records, bytes
-_MOST_RECORD = 2**31 - 1
 #: name under which the identity of the work is kept, which no task has
 _IDENTITY = ""
 #: what the head of the file begins with, and its bytes from 68 and 60 on: the kind of file, and the version of its layout
@@ -56,16 +54,12 @@ _MOST_NAMED = 3
 
 
 def encode(name: str, part: TaskResult) -> bytes:
-    """Return the entry of a result: SHA-256 of the rest, name, line end, arrays. Equal results give equal bytes."""
-    stream = io.BytesIO()
-    if sum(one.nbytes for one in part.values()) > _MOST_RECORD:
-        np.savez(stream, **part)  # type: ignore[arg-type]  # a file of many arrays is four times as long as one record
-    else:
-        record = np.empty((), [(key, one.dtype, one.shape) for key, one in part.items()])
-        for key, one in part.items():
-            record[key] = one
-        np.save(stream, record, allow_pickle=False)
-    return _seal(name, stream.getvalue())
+    """Return the entry of a result: SHA-256 of the rest, name, layout, arrays. Equal results give equal bytes."""
+    layout = json.dumps([(key, one.dtype.str, one.shape) for key, one in part.items()])
+    for key, one in part.items():
+        if one.dtype.hasobject:
+            raise TypeError(f"the array {key!r} of a result holds {one.dtype}")
+    return _seal(name, b"\n".join([layout.encode(), b"".join(one.tobytes() for one in part.values())]))
 
 
 def _seal(name: str, data: bytes) -> bytes:
@@ -75,9 +69,13 @@ def _seal(name: str, data: bytes) -> bytes:
 
 def decode(entry: bytes) -> TaskResult:
     """Return the result that :func:`encode` has made an entry of."""
-    found = np.load(io.BytesIO(entry[HEAD:].partition(b"\n")[2]), allow_pickle=False)
-    names = found.files if isinstance(found, np.lib.npyio.NpzFile) else found.dtype.names or ()
-    return {name: np.array(found[name]) for name in names}  # a copy, which begins at an aligned address
+    _, layout, data = entry[HEAD:].split(b"\n", 2)
+    part, place = TaskResult(), 0
+    for key, kind, shape in json.loads(layout):
+        # unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the file
+        part[key] = np.frombuffer(data, kind, math.prod(shape), place).reshape(shape).copy()
+        place += part[key].nbytes
+    return part
 
 
 def name_of(body: bytes) -> str:
@@ -163,7 +161,7 @@ class Store:
 
     def read(self, name: str) -> TaskResult | None:
         """Return the result of the task of this name or of its first steps; None if there is none, or it is damaged."""
-        with suppress(Exception):  # whatever makes numpy fail is in the file
+        with suppress(Exception):  # whatever fails is in the file
             return decode(self._read(name))
         return None
 
@@ -293,7 +291,8 @@ class Store:
             self._loose = False
 
     def __del__(self) -> None:
-        self.close()
+        if self._base is not None:
+            self._base.close()
 
     def clear(self) -> None:
         """Delete every result, and the file."""
