@@ -1147,7 +1147,7 @@ def test_a_damaged_file_is_refused_or_gives_the_numbers_that_were_kept(tmp_path_
         assert not (folder / "store").exists()
 
 
-def test_a_damaged_store_is_refused_unless_it_is_to_be_discarded(rough, serial, interrupted):
+def test_a_damaged_store_is_refused_unless_it_is_to_be_discarded(rough, serial, interrupted, monkeypatch):
     with open(interrupted / PARTIAL, "r+b") as stream:
         stream.seek(4096)
         stream.write(bytes(4096))
@@ -1156,6 +1156,10 @@ def test_a_damaged_store_is_refused_unless_it_is_to_be_discarded(rough, serial, 
             OutputError, match=r"\.sweep\.nc\.partial, with the finished parts .*, is damaged: .* Use --force"
         ):
             sweep(rough, path=interrupted / "sweep.nc", resume=resume, **ARGUMENTS)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "unlink", lambda name: (_ for _ in ()).throw(PermissionError()))
+        with pytest.raises(OutputError, match="is damaged"):
+            Store(interrupted / PARTIAL, force=True).claim({"of": "this"})
     assert resumed(rough, interrupted, serial, overwrite=True) == 9
 
 

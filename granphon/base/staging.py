@@ -199,17 +199,17 @@ class ResultFiles:
         """Force the new files to the disk, and write beside them the list of the folder as it is to be."""
         target, written = self._target, read_written_files(self.folder)
         made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
-        for name in made:
-            with open(place / name, "r+b") as stream:
-                os.fsync(stream.fileno())
         there = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
-        old = {
-            name: written.get(name) or _digest_file(target / name) for name in there
-        }  # one with a known text has no record
+        # what has a known text need not be in the list
+        old = {name: written.get(name) or _digest_file(target / name) for name in there}
         files = {name: digest for name, digest in written.items() if name not in old}
         files |= {name: _digest_file(place / name) for name in made}
-        with open(place / LIST, "w", encoding="utf-8") as stream:
-            json.dump({"schema": LIST_SCHEMA, "files": files, "old": old}, stream, indent=1)
+        (place / LIST).write_text(
+            json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1), encoding="utf-8"
+        )
+        for name in (*made, LIST):
+            with open(place / name, "r+b") as stream:
+                os.fsync(stream.fileno())
 
     def _check(self) -> None:
         target = self._target

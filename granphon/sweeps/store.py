@@ -201,8 +201,9 @@ class Store:
                     base.execute("DELETE FROM task WHERE name = ?", (key,))
                     base.executemany("INSERT INTO task VALUES (?, ?, ?)", pieces)
         except sqlite3.Error as error:
-            if self.path is not None and not os.path.getsize(self.path):
-                self.clear()
+            with suppress(OSError):
+                if self.path is not None and not os.path.getsize(self.path):
+                    self.clear()  # nothing was ever kept there
             raise self._explain(error) from None
         self._pending, self._loose = None, not wait
         self._synced = now if wait else self._synced
@@ -220,7 +221,7 @@ class Store:
         path = self.path
         try:
             if path is None:
-                self._base = self._base or sqlite3.connect(":memory:", isolation_level=None)
+                self._base = self._base or sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
             elif self._base is not None:
                 if make and _identify(path) != self._file:
                     raise FileNotFoundError
@@ -242,11 +243,12 @@ class Store:
         except (OSError, sqlite3.OperationalError) as error:
             raise self._explain(error, "written" if make else "read") from None
         except sqlite3.DatabaseError as error:
-            if not self.force:
+            if self.force:
+                self.clear()
+            if path is None or os.path.lexists(path):
                 what = f"{path}, with the finished parts of work that was interrupted, is damaged: {error}"
                 mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
                 raise OutputError(message(what, mend=mend)) from None
-            self.clear()
             return self._connect(make)
         return self._base
 
