@@ -15,7 +15,7 @@ import granphon as gp
 from granphon.base import text as files
 from granphon.base.errors import FileExistsInRunError, OutputError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
-from granphon.base.written_files import LIST
+from granphon.base.staging import LIST
 from granphon.cli.commands import main
 from granphon.scene.result_files import expected_files
 from granphon.scene.run import run

@@ -7,7 +7,7 @@ from PIL import Image
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import Refused
-from granphon.base.written_files import LIST
+from granphon.base.staging import LIST
 from granphon.cli.commands import main
 from granphon.figures.modes import mode_figure
 from granphon.figures.style import save_figure

@@ -26,9 +26,8 @@ import granphon as gp
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MissingFileError, OutputError, SceneError
 from granphon.cli.commands import main
 from granphon.sweeps import schedulers, tasks
-from granphon.sweeps.entries import read_entries
 from granphon.sweeps.schedulers import open_executor, read_scheduler
-from granphon.sweeps.store import Store
+from granphon.sweeps.store import Store, read_entries
 from granphon.sweeps.sweep import sweep
 from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.workers import worker_processes

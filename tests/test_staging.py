@@ -6,21 +6,21 @@ import errno
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
-from granphon.base.staging import LOCK, PREFIX, ResultFiles, write_bytes, write_text
-from granphon.base.written_files import LIST, read_written_files
+from granphon.base.staging import LIST, LOCK, NEW, PREFIX, ResultFiles, read_written_files, write_bytes, write_text
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -87,22 +87,45 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("bad", ["a", "b", "c", LIST])
-def test_failure_while_exchanging_restores_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bad: str) -> None:
+@pytest.mark.parametrize("bad", ["a", "b", LIST])
+def test_a_failure_after_the_result_counts_is_completed_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bad: str
+) -> None:
     put(tmp_path, a="old a", c="old c")
     (tmp_path / "mine").write_text("kept")
+    real = {name: getattr(os, name) for name in ("rename", "replace")}
+
+    def failing(name: str) -> Callable[[Path, Path], None]:
+        def move(source: Path, target: Path) -> None:
+            if Path(target) == tmp_path / bad:
+                raise OSError(errno.EIO, "Input/output error")
+            real[name](source, target)
+
+        return move
+
+    with monkeypatch.context() as patch:
+        for name in real:
+            patch.setattr(os, name, failing(name))
+        with pytest.raises(OutputError, match=rf"Input/output error\. The files of the new result are in {NEW} there"):
+            put(tmp_path, force=True, a="new a", b="new b", c="new c")
+    assert tree(tmp_path).keys() >= {"mine", NEW}
+    ResultFiles(tmp_path, ["d"]).require_free()
+    assert tree(tmp_path) == {"a": "new a", "b": "new b", "c": "new c", "mine": "kept"}
+    put(tmp_path, force=True, a="third", b="third", c="third")
+
+
+def test_a_failure_before_the_result_counts_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(tmp_path, a="old a", c="old c")
     before = tree(tmp_path), read_written_files(tmp_path)
-    real = os.replace
 
-    def replace(source: Path, target: Path) -> None:
-        if Path(target) == tmp_path / bad and Path(source).parent.name.startswith(PREFIX):
-            raise OSError(errno.EIO, "Input/output error")
-        real(source, target)
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr(os, "replace", replace)
-    with pytest.raises(OutputError, match="Input/output error"):
-        put(tmp_path, force=True, a="new a", b="new b", c="new c")
-    assert (tree(tmp_path), read_written_files(tmp_path)) == before
+    for name in ("rename", "fsync"):
+        with monkeypatch.context() as patch, pytest.raises(OutputError, match=r"Input/output error\. It is left as it was"):  # noqa: PT012
+            patch.setattr(os, name, fail)
+            put(tmp_path, force=True, a="new a", b="new b", c="new c")
+        assert (tree(tmp_path), read_written_files(tmp_path)) == before
 
 
 def test_optional_files_need_not_be_written(tmp_path: Path) -> None:
@@ -300,7 +323,7 @@ with ResultFiles(folder, ["a", "b", "new"], force=True, earlier=["stale"]).open(
     with files.staging() as place:
         for name in ("a", "b", "new"):
             (place / name).write_text("second")
-        os.replace, os.unlink = counted(os.replace), counted(os.unlink)
+        os.rename, os.replace, os.unlink = counted(os.rename), counted(os.replace), counted(os.unlink)
 """
 FIRST = {"a": "first", "b": "first", "stale": "first"}
 SECOND = {"a": "second", "b": "second", "new": "second"}
@@ -332,7 +355,7 @@ def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(t
             break
     assert code == 0
     assert len(outcomes) > 6
-    # the first change is the record of the exchange, with which it counts as begun
+    # the first change is the rename with which the new result counts
     assert outcomes[0] == (FIRST if when == "before" else SECOND)
     assert outcomes[-2] == SECOND
 
@@ -367,26 +390,38 @@ def test_what_a_dead_run_left_is_removed(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"b": "b"}
 
 
-@given(st.recursive(st.none() | st.integers() | st.text(max_size=5), lambda x: st.lists(x) | st.dictionaries(st.text(), x)))
-def test_a_damaged_record_moves_nothing(tmp_path_factory: pytest.TempPathFactory, record: object) -> None:
-    folder = tmp_path_factory.mktemp("record")
-    put(folder, a="a")
-    place = folder / (PREFIX + "dead")
-    place.mkdir()
-    (place / ".exchange").write_text(json.dumps(record))
-    put(folder, b="b")
-    assert {name: text for name, text in tree(folder).items() if not name.startswith(PREFIX)} == {"a": "a", "b": "b"}
+PLAIN = st.recursive(st.none() | st.integers() | st.text(max_size=5), lambda x: st.lists(x) | st.dictionaries(st.text(), x))
 
 
-@pytest.mark.parametrize(
-    "text", ['{"new": [], "old": []}', '{"new": {}, "old": {}}', "[" * 100_000, "null", '{"new": [1], "old": {}}']
+@given(PLAIN | st.fixed_dictionaries({"schema": st.sampled_from([1, 2, None]), "files": PLAIN, "old": PLAIN}))
+@example(
+    {"schema": 1, "files": {"b": "0", "../b": "0", "": "0", "mine": "0"}, "old": {"mine": "0", "../mine": "0", "..": "0"}}
 )
-def test_a_record_that_is_none_of_ours_is_left_alone(tmp_path: Path, text: str) -> None:
-    place = tmp_path / (PREFIX + "x")
-    place.mkdir()
-    (place / ".exchange").write_text(text)
-    put(tmp_path, b="b")
-    assert (place / ".exchange").read_text() == text
+def test_a_damaged_list_of_a_new_result_moves_and_removes_nothing(
+    tmp_path_factory: pytest.TempPathFactory, record: object
+) -> None:
+    folder = tmp_path_factory.mktemp("record") / "out"
+    put(folder, a="a")
+    for place in (folder, folder.parent):
+        (place / "mine").write_text("mine")
+    (folder / NEW).mkdir()
+    (folder / NEW / "b").write_text("half")
+    (folder / NEW / LIST).write_text(json.dumps(record))
+    ResultFiles(folder, ["c"]).require_free()
+    found = {name: text for name, text in tree(folder.parent).items() if NEW not in name}
+    assert found in (
+        {"out": "", "out/a": "a", "out/mine": "mine", "mine": "mine"} | more for more in ({}, {"out/b": "half"})
+    )
+
+
+@pytest.mark.parametrize("text", ['{"new": [], "old": []}', "[" * 100_000, "null", '{"schema": 1, "files": {}, "old": 1}'])
+def test_a_folder_of_that_name_that_is_none_of_ours_is_left_alone(tmp_path: Path, text: str) -> None:
+    (tmp_path / NEW).mkdir()
+    (tmp_path / NEW / LIST).write_text(text)
+    with pytest.raises(OutputError, match="cannot be written"):
+        put(tmp_path, b="b")
+    assert tree(tmp_path) == {NEW: ""}
+    assert (tmp_path / NEW / LIST).read_text() == text
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
@@ -395,14 +430,18 @@ def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Pa
     for one in (folder, victim):
         one.mkdir()
     (victim / "scene").write_text("precious")
-    (victim / ".exchange").write_text('{"new": ["scene"], "old": {}}')
+    (victim / LIST).write_text('{"schema": 1, "files": {"scene": "0"}, "old": {}}')
     (folder / (PREFIX + "link")).symlink_to(victim)
+    (folder / NEW).symlink_to(victim)
     os.mkfifo(folder / LIST)
-    (folder / (PREFIX + "pipe")).mkdir()
-    os.mkfifo(folder / (PREFIX + "pipe") / ".exchange")
     ResultFiles(folder, ["a"]).require_free()
     assert (victim / "scene").read_text() == "precious"
-    (folder / LIST).unlink()
+    for one in (LIST, NEW):
+        (folder / one).unlink()
+    (folder / NEW).mkdir()
+    os.mkfifo(folder / NEW / LIST)
+    ResultFiles(folder, ["a"]).require_free()
+    shutil.rmtree(folder / NEW)
     put(folder, a="a")
     assert not (folder / "scene").exists()
     for make in ("link", "text", "pipe"):

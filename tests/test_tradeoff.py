@@ -25,8 +25,7 @@ from granphon.cli.commands import main
 from granphon.cli.wording import describe_tradeoff
 from granphon.dynamics.local_field import local_field, local_field_on
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
-from granphon.sweeps.entries import encode, read_entries
-from granphon.sweeps.store import Store, open_store
+from granphon.sweeps.store import Store, encode, open_store, read_entries
 from granphon.tradeoffs import disorder as disorder_module
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.disorder import Disorder

@@ -1,12 +1,12 @@
 """Result folders: files arrive whole and together, one run at a time, and the user's own files are never replaced.
 
-Three hidden names may stand in a folder. ``.granphon-files`` lists the files that granphon wrote there
-(:mod:`granphon.base.written_files`); all other files are the user's, and are never replaced or deleted.
-``.granphon-lock`` is locked by the run that writes into the folder; the lock is released as soon as that process has ended,
-however it ended. ``.granphon-staging-*`` holds new files until all of them are complete.
+New files are collected in a hidden folder. One rename makes it ``.granphon-new``: from then on the result counts. Then old
+files leave, and new ones move to their places; whoever looks at the folder next completes that, if it was cut off. So a
+folder never shows files of two runs. The folder itself is not renamed: it may hold the user's files, and be where one works.
 
-The exchange of old files for new ones is recorded before its first step. Old files leave before new ones arrive, so a folder
-never shows files of two runs. If an exchange was cut off, the next run that looks at the folder completes it.
+``.granphon-files`` lists the files that granphon wrote into the folder, each with its SHA-256. A file that is not listed, or
+has changed since, counts as the user's. ``.granphon-lock`` is locked by the run that writes into the folder; the lock is
+released as soon as that process has ended, however it ended.
 """
 
 from __future__ import annotations
@@ -23,21 +23,20 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
+from uuid import uuid4
 
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
-from granphon.base.written_files import LIST, digest_file, is_written, read_record, read_written_files, write_list_text
+from granphon.base.reading import read_bytes
 
-__all__ = ["ResultFiles", "write_bytes", "write_text"]
+__all__ = ["LIST", "ResultFiles", "has_locks", "is_whole", "read_written_files", "write_bytes", "write_text"]
 
+#: the list of the files that granphon wrote into a folder; a list of another version counts as empty
+LIST, LIST_SCHEMA = ".granphon-files", 1
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
-#: how names of staging folders begin
-PREFIX = ".granphon-staging-"
-#: inside a staging folder: the record of its exchange
-_RECORD = ".exchange"
-#: inside a staging folder: the folder of the files that are being replaced
-_REPLACED = ".replaced"
+#: how names of folders begin in which new files are collected, and the name of such a folder when it is complete
+PREFIX, NEW = ".granphon-staging-", ".granphon-new"
 #: error numbers of a file system that does not support locks
 _NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS}
 
@@ -55,13 +54,55 @@ else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def has_locks(descriptor: int) -> bool:
+    """Whether the file system of an open file supports the locks of POSIX, which SQLite uses."""
+    try:
+        if sys.platform != "win32":
+            fcntl.lockf(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in _NO_LOCKS
+    return True
+
+
+# -- the list of files -----------------------------------------------------------------------------------------------
+
+
+def read_written_files(folder: StrPath) -> dict[str, str]:
+    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list."""
+    return _read_list(Path(folder), "files")
+
+
+def _read_list(folder: Path, what: str) -> dict[str, str]:
+    """Return names and digests from the list in a folder: "files" that granphon wrote, or "old" ones that are to leave."""
+    with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        data = json.loads(read_bytes(folder / LIST))
+        if data["schema"] == LIST_SCHEMA:
+            return {name: digest for name, digest in data[what].items() if isinstance(digest, str) and _is_name(name)}
+    return {}
+
+
+def _is_name(name: str) -> bool:
+    """Tell whether ``name`` is a bare file name, which cannot lead into another folder."""
+    return Path(name).name == name and name not in ("", ".", "..")
+
+
+def _digest_file(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _is_written(path: Path, *digests: str) -> bool:
+    """Whether ``path`` is a regular file, not a link, whose SHA-256 is one of ``digests``."""
+    return bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
+
+
+def is_whole(folder: StrPath, names: Sequence[str]) -> bool:
+    """Whether ``folder`` holds files of all ``names`` as granphon has written them."""
+    written = read_written_files(folder)
+    return all(name in written for name in names) and all(_is_written(Path(folder) / name, written[name]) for name in names)
+
+
 # -- a result in its folder ------------------------------------------------------------------------------------------
-
-
-def _is_same_file(path: Path, other: StrPath) -> bool:
-    with suppress(OSError):
-        return os.path.samefile(path, other)
-    return False
 
 
 @dataclass(frozen=True)
@@ -99,7 +140,10 @@ class ResultFiles:
         FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or removed at all.
         OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
         """
-        _recover_unless_locked(self._target)
+        with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
+            if (self._target / NEW).is_dir() or any(self._target.glob(PREFIX + "*")):
+                with _hold_lock(self._target) as alone:
+                    _finish(self._target, alone)
         self._check()
 
     @contextmanager
@@ -112,15 +156,13 @@ class ResultFiles:
         self.require_free()
         target, made = self._target, list[Path]()
         try:
-            try:
+            with _explaining(target):
                 for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
                     missing.mkdir(exist_ok=True)
                     made.append(missing)
-            except OSError as error:
-                raise _explain_failure(target, error) from None
             with _hold_lock(target) as alone:
-                if alone:
-                    _recover(target)
+                with _explaining(target):
+                    _finish(target, alone)
                 # checked again: another run may have written files before the lock was taken
                 self._check()
                 yield self
@@ -133,29 +175,47 @@ class ResultFiles:
     def staging(self, optional: Sequence[str] = ()) -> Iterator[Path]:
         """Make a temporary folder for the files, which all move into their folder at the end of the block.
 
-        The folder must be under lock, see :meth:`open`. Files that are also in ``optional`` need not be written. If anything
-        fails, in the block or while files are exchanged, the folder is left as it was found. Raises
-        :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+        The folder must be under lock, see :meth:`open`. Files that are also in ``optional`` need not be written. If the
+        block fails, the folder is left as it was found. If what follows it fails, the next run that looks at the folder
+        completes it. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file system.
         """
         target, place = self._target, None
-        try:
-            place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
-            yield place
-            made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
-            self._check()
-            _exchange(place, target, made, [*self._stale, *(name for name in self.names if name not in made)])
-        except OSError as error:
-            raise _explain_failure(target, error) from None
-        finally:
-            # a record that is still there marks an exchange neither completed nor undone: the next run completes it
-            if place is not None and not os.path.lexists(place / _RECORD):
-                shutil.rmtree(place, ignore_errors=True)
+        with _explaining(target):
+            try:
+                place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
+                yield place
+                self._check()
+                self._write_list(place, optional)
+                os.rename(place, target / NEW)  # from here on the result counts
+                _finish(target)
+            except BaseException:
+                _finish(target)  # an interruption does not end it half way
+                raise
+            finally:
+                if place is not None:
+                    shutil.rmtree(place, ignore_errors=True)
+
+    def _write_list(self, place: Path, optional: Sequence[str]) -> None:
+        """Force the new files to the disk, and write beside them the list of the folder as it is to be."""
+        target, written = self._target, read_written_files(self.folder)
+        made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
+        there = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
+        # what has a known text need not be in the list
+        old = {name: written.get(name) or _digest_file(target / name) for name in there}
+        files = {name: digest for name, digest in written.items() if name not in old}
+        files |= {name: _digest_file(place / name) for name in made}
+        (place / LIST).write_text(
+            json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1), encoding="utf-8"
+        )
+        for name in (*made, LIST):
+            with open(place / name, "r+b") as stream:
+                os.fsync(stream.fileno())
 
     def _check(self) -> None:
         target = self._target
-        try:
-            if any("\0" in part for part in (str(target), *self.names)):
-                raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
+        if any("\0" in part for part in (str(target), *self.names)):
+            raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
+        with _explaining(target):
             nearest = target
             while not os.path.lexists(nearest) and nearest != nearest.parent:
                 nearest = nearest.parent
@@ -165,25 +225,20 @@ class ResultFiles:
             if not os.access(nearest, os.W_OK | os.X_OK):
                 what = f"there is no permission to write to {_name(nearest)}"
                 raise OutputError(message(what, mend="Choose another folder"))
-        except OSError as error:
-            raise _explain_failure(target, error) from None
 
     def _require_replaceable(self) -> None:
-        target = self._target
+        target, written = self._target, read_written_files(self.folder)
         there = [name for name in self.names if os.path.lexists(target / name)]
-        folders = [name for name in there if (target / name).is_dir()]
-        if folders:
-            raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
-        written, known = (
-            read_written_files(target),
-            {hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known},
-        )
+        for name in there:
+            if (target / name).is_dir():
+                raise OutputError(message(f"{target / name} is a folder", "A file of that name is to be written"))
+        known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
         kept = "Such a file is never replaced, not even with --force"
         for name in there:
             if self._is_read(name):
                 what = f"{target / name} is read by this run, and would be overwritten"
                 raise FileExistsInRunError(message(what, kept, "Choose another folder"))
-            if not is_written(target / name, *known, *([written[name]] if name in written else [])):
+            if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
                 no_record = "there is no record that granphon wrote it"
                 what = "granphon wrote it, and it has been changed since" if name in written else no_record
                 what = f"{_name(target)} already holds {name}: {what}"
@@ -191,16 +246,12 @@ class ResultFiles:
         if there and not self.force:
             lost = [name for name in self.names if name in written and name not in there]
             missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
-            raise FileExistsInRunError(
-                message(
-                    f"{_name(target)} already holds {', '.join(there)}{missing}",
-                    "An existing result is not overwritten unless asked for",
-                    "Use --force (force=True) to replace it, or choose another folder",
-                )
-            )
+            what = f"{_name(target)} already holds {', '.join(there)}{missing}"
+            mend = "Use --force (force=True) to replace it, or choose another folder"
+            raise FileExistsInRunError(message(what, "An existing result is not overwritten unless asked for", mend))
         for name in self._stale:
             read = self._is_read(name)
-            if read or not is_written(target / name, written[name]):
+            if read or not _is_written(target / name, written[name]):
                 what = f"{_name(target)} holds {name} of an earlier run, and "
                 what += "this run reads it" if read else "it has been changed since"
                 why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
@@ -213,7 +264,34 @@ class ResultFiles:
         return [one for one in self.earlier if one in written and one not in self.names and os.path.lexists(target / one)]
 
     def _is_read(self, name: str) -> bool:
-        return any(_is_same_file(self._target / name, one) for one in self.inputs)
+        for one in self.inputs:
+            with suppress(OSError):
+                if os.path.samefile(self._target / name, one):
+                    return True
+        return False
+
+
+def _finish(target: Path, alone: bool = False) -> None:
+    """Move the files of a result that counts to their places; if no run is under way, remove what killed ones have left."""
+    new = target / NEW
+    if new.is_dir() and not new.is_symlink():
+        files, old = read_written_files(new), _read_list(new, "old")
+        waiting = [name for name in files if (new / name).is_file() and not (new / name).is_symlink()]
+        for name, digest in old.items():
+            if (name in waiting or name not in files) and _is_written(target / name, digest):
+                (target / name).unlink()
+        for name in waiting:
+            if os.path.lexists(target / name):  # the user has put it there meanwhile
+                (new / name).unlink()
+            else:
+                os.rename(new / name, target / name)
+        if files or old:
+            os.replace(new / LIST, target / LIST)
+        with suppress(OSError):  # what granphon did not put there stays
+            new.rmdir()
+    for place in target.glob(PREFIX + "*") if alone else ():
+        if place.is_dir() and not place.is_symlink():
+            shutil.rmtree(place, ignore_errors=True)
 
 
 def _name(folder: Path) -> Path:
@@ -221,12 +299,26 @@ def _name(folder: Path) -> Path:
     return folder.resolve() if folder.name in ("", "..") else folder
 
 
+@contextmanager
+def _explaining(target: Path) -> Iterator[None]:
+    """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`."""
+    try:
+        yield
+    except OSError as error:
+        raise _explain_failure(target, error) from None
+
+
 def _explain_failure(target: Path, error: OSError) -> GranphonError:
     if isinstance(error, GranphonError):
         return error
     mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-    what = f"{_name(target)} cannot be written: {error.strerror or error}"
-    return OutputError(message(what, "It is left as it was", mend))
+    what, why = f"{_name(target)} cannot be written: {error.strerror or error}", "It is left as it was"
+    if os.path.isdir(target / NEW):
+        why, mend = (
+            f"The files of the new result are in {NEW} there",
+            "Any command that uses the folder moves them to their places",
+        )
+    return OutputError(message(what, why, mend))
 
 
 # -- the lock --------------------------------------------------------------------------------------------------------
@@ -251,10 +343,8 @@ def _hold_lock(target: Path) -> Iterator[bool]:
 def _lock_file(path: Path) -> int | None:
     """Lock the file, and return its descriptor; None on a file system that does not support locks."""
     while True:
-        try:
+        with _explaining(path.parent):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        except OSError as error:
-            raise _explain_failure(path.parent, error) from None
         about = os.fstat(descriptor)
         if not stat.S_ISREG(about.st_mode) or about.st_size:
             os.close(descriptor)
@@ -275,87 +365,6 @@ def _lock_file(path: Path) -> int | None:
         os.close(descriptor)
 
 
-# -- the exchange ---------------------------------------------------------------------------------------------------
-
-
-def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[str]) -> None:
-    """Move files from ``place`` into ``target``, and those of ``stale`` out of it; on failure restore what was there."""
-    for name in names:
-        with open(place / name, "r+b") as stream:
-            os.fsync(stream.fileno())
-    written = read_written_files(target)
-    there = [name for name in (*names, *stale) if os.path.lexists(target / name)]
-    old = {name: written.get(name) or digest_file(target / name) for name in there}  # a known text need not be in the list
-    files = {name: digest for name, digest in written.items() if name not in stale}
-    files |= {name: digest_file(place / name) for name in names}
-    (place / LIST).write_text(write_list_text(files), encoding="utf-8")
-    replaced = place / _REPLACED
-    replaced.mkdir()
-    draft = place / (_RECORD + ".draft")
-    draft.write_text(json.dumps({"new": [*names, LIST], "old": old}), encoding="utf-8")
-    if os.path.lexists(target / LIST):
-        shutil.copy2(target / LIST, replaced / LIST)
-    os.replace(draft, place / _RECORD)  # from here on the exchange is either completed or undone
-    gone: list[str] = []
-    come: list[str] = []
-    try:
-        # each name is noted before its file moves, as an interruption may come between the two
-        for name in old:
-            gone.append(name)
-            os.replace(target / name, replaced / name)
-        for name in (*names, LIST):
-            come.append(name)
-            os.replace(place / name, target / name)
-        (place / _RECORD).unlink()
-    except BaseException:
-        if not os.path.lexists(place / _RECORD):  # interrupted after the last step: the exchange is complete
-            raise
-        for name in come:  # new files go back into the staging folder
-            if not os.path.lexists(place / name):
-                os.replace(target / name, place / name)
-        for name in (*gone, LIST):
-            with suppress(FileNotFoundError):
-                os.replace(replaced / name, target / name)
-        (place / _RECORD).unlink()
-        raise
-
-
-def _recover(target: Path) -> None:
-    """Complete the exchanges of runs that were killed, and remove what such runs have left."""
-    for place in target.glob(PREFIX + "*"):
-        if place.is_symlink() or not place.is_dir():  # not made by granphon; a link may lead elsewhere
-            continue
-        if os.path.lexists(place / _RECORD):
-            record = read_record(place / _RECORD)
-            new, old = record.get("new"), record.get("old")
-            if not isinstance(new, list) or not isinstance(old, dict) or not all(map(_is_name, [*new, *old])):
-                continue  # not a record that granphon wrote
-            waiting = [name for name in new if (place / name).is_file() and not (place / name).is_symlink()]
-            with suppress(OSError):
-                for name, digest in old.items():
-                    if (name in waiting or name not in new) and is_written(target / name, str(digest)):
-                        (target / name).unlink()
-                for name in waiting:
-                    # keep a file that the user has put there meanwhile
-                    if name == LIST or not os.path.lexists(target / name):
-                        os.replace(place / name, target / name)
-        shutil.rmtree(place, ignore_errors=True)
-
-
-def _recover_unless_locked(target: Path) -> None:
-    """Call :func:`_recover` if a run has left a staging folder, and no run is under way."""
-    with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
-        if any(target.glob(PREFIX + "*")):
-            with _hold_lock(target) as alone:
-                if alone:
-                    _recover(target)
-
-
-def _is_name(name: Any) -> bool:
-    """Tell whether ``name`` is a bare file name, which cannot lead into another folder."""
-    return isinstance(name, str) and Path(name).name == name and name not in ("", ".", "..")
-
-
 # -- single files ---------------------------------------------------------------------------------------------------
 
 
@@ -365,22 +374,21 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
     A file of that name is replaced. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file system.
     """
     target = Path(path)
-    place: Path | None = None
+    place = target.with_name(f".granphon-{uuid4().hex}")
     try:
         if target.is_dir():
             raise OutputError(message(f"{target} is a folder", "A file of that name is to be written"))
         target.parent.mkdir(parents=True, exist_ok=True)
-        place = Path(tempfile.mkdtemp(prefix=".granphon-", dir=target.parent))
-        with open(place / target.name, "wb") as stream:
+        with open(place, "xb") as stream:
             stream.writelines(parts)
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(place / target.name, target)
+        os.replace(place, target)
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         raise _explain_failure(target, error if isinstance(error, OSError) else OSError(str(error))) from None
     finally:
-        if place is not None:
-            shutil.rmtree(place, ignore_errors=True)
+        with suppress(OSError, ValueError):
+            place.unlink()
 
 
 def write_text(path: StrPath, text: str) -> None:

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
-from granphon.base.staging import ResultFiles
+from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, read_yaml, versions
-from granphon.base.written_files import is_written, read_written_files
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis
@@ -136,16 +135,14 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 
     A file that was changed after the run counts as missing.
     """
-    target, written = Path(folder), read_written_files(folder)
-    if not all(name in written for name in expected_files(scene, figures=False)):
-        return False
+    target = Path(folder)
     try:
         made = read_yaml(target / "summary.yaml")["versions"]
         if type(scene)(**Origin.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False
-    return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
+    return is_whole(target, expected_files(scene, figures=False))
 
 
 def _find_state(scene: Scene, progress: Progress, executor: Executor | None, store: Store) -> ContactState:

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.reading import read_bytes
-from granphon.base.staging import ResultFiles
+from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_yaml
-from granphon.base.written_files import read_written_files
 from granphon.scene.result_files import read_summary
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
-from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.jobs import Work, tell_warnings, to_json
+from granphon.sweeps.store import TaskResult
 from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_e
 from granphon.observables.validity import Tally, validity
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
-from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.records import RecordedState, SampleRecord
+from granphon.sweeps.store import TaskResult
 from granphon.sweeps.unfinished import end_early, find_reached, mark_as, spread, strip
 from granphon.sweeps.workers import packages
 from granphon.waves.settings import WaveSettings

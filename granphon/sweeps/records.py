@@ -14,7 +14,7 @@ from granphon.array.sample import Sample
 from granphon.base.results import Result
 from granphon.media.sample_means import HISTORY_UNITS
 from granphon.media.simulation import SimulatedState
-from granphon.sweeps.entries import TaskResult
+from granphon.sweeps.store import TaskResult
 
 if TYPE_CHECKING:
     from granphon.waves.settings import WaveSettings

@@ -18,9 +18,8 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.media.choice import Rung
 from granphon.media.simulation import SimulatedState
-from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.jobs import Job, to_json
-from granphon.sweeps.store import Store
+from granphon.sweeps.store import Store, TaskResult
 from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.workers import packages
 

@@ -1,50 +1,101 @@
-"""The store of finished tasks: one file, to which the result of each task is appended as soon as it is found.
+"""The store of finished tasks: one SQLite file, in which the result of each task is kept as soon as it is found.
 
-The file is a log of entries (:mod:`granphon.sweeps.entries`): results, and the identity of the work that they belong to.
-The last sound entry of a name counts. Another process may read the file while it grows. Whatever damages it, be it a kill or
-a crash of the machine in the middle of a write, the other entries are found, and what is lost is computed again.
-
-It is a log, and no data base, because folders of results often stand on network file systems, on whose locks and shared
-memory a data base cannot rely, and because one damaged page must not cost the others.
+The table ``task`` has, by the name of the task, the entry of its result: a SHA-256, and the bytes of its arrays with their
+types and shapes. Nothing that is read is ever executed. What is kept survives a kill, on network file systems too,
+where SQLite's write-ahead log would not work: its journal is a file. The disk, which takes a hundred times as long, is
+waited for once a second; so a crash of the machine may lose the last second, or damage the file.
 """
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
+import math
 import os
+import sqlite3
 import stat
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granphon.base.errors import FileExistsInRunError, OutputError, message
+from granphon.base.staging import has_locks
 from granphon.base.text import show
-from granphon.sweeps.entries import (
-    HEAD,
-    IDENTITY,
-    MARK,
-    TaskResult,
-    decode,
-    name_of,
-    read_body,
-    read_bytes_at,
-    read_part,
-    scan,
-    wrap,
-)
 
-__all__ = ["Store", "open_store"]
+__all__ = ["HEAD", "Store", "TaskResult", "decode", "encode", "name_of", "open_store", "read_entries"]
 
-#: longest time for which entries are left to the system's memory before they are forced to the disk, s
+#: the result of a task, or of its first steps; no array holds Python objects
+TaskResult = dict[str, NDArray[Any]]
+#: bytes before the body of an entry: its SHA-256
+HEAD = 32
+#: the table; entries longer than a piece, in bytes, take several rows, as no value of SQLite may have more than 1 GB
+_TABLE = "CREATE TABLE task (name TEXT, piece INTEGER, entry BLOB, PRIMARY KEY (name, piece))"
+_PIECE = 2**28
+#: name under which the identity of the work is kept, which no task has
+_IDENTITY = ""
+#: what the head of the file begins with, and its bytes from 68 and 60 on: the kind of file, and the version of its layout
+_SQLITE, _KIND, _VERSION = b"SQLite format 3\0", b"gran", b"\0\0\0\1"
+_MAKE = (f"PRAGMA application_id = {int.from_bytes(_KIND)}", f"PRAGMA user_version = {int.from_bytes(_VERSION)}", _TABLE)
+#: longest time for which results are left to the system's memory before the disk is waited for, s
 _SYNC_SECONDS = 1.0
-#: bytes of outdated entries from which the file is written anew without them, if they are more than the others
-_MOST_OUTDATED = 64_000_000
+#: longest time for which another process that reads the file is waited for, s
+_PATIENCE = 60.0
 #: largest number of differences between two works that a message names
 _MOST_NAMED = 3
+
+
+# -- entries --------------------------------------------------------------------------------------------------------
+
+
+def encode(name: str, part: TaskResult) -> bytes:
+    """Return the entry of a result: SHA-256 of the rest, name, layout, arrays. Equal results give equal bytes."""
+    layout = json.dumps([(key, one.dtype.str, one.shape) for key, one in part.items()])
+    for key, one in part.items():
+        if one.dtype.hasobject:
+            raise TypeError(f"the array {key!r} of a result holds {one.dtype}")
+    return _seal(name, b"\n".join([layout.encode(), b"".join(one.tobytes() for one in part.values())]))
+
+
+def _seal(name: str, data: bytes) -> bytes:
+    body = f"{name}\n".encode() + data
+    return hashlib.sha256(body).digest() + body
+
+
+def decode(entry: bytes) -> TaskResult:
+    """Return the result that :func:`encode` has made an entry of."""
+    _, layout, data = entry[HEAD:].split(b"\n", 2)
+    part, place = TaskResult(), 0
+    for key, kind, shape in json.loads(layout):
+        # unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the file
+        part[key] = np.frombuffer(data, kind, math.prod(shape), place).reshape(shape).copy()
+        place += part[key].nbytes
+    return part
+
+
+def name_of(body: bytes) -> str:
+    """Return the name of the entry that has this body."""
+    return body.partition(b"\n")[0].decode("utf-8", "replace")
+
+
+def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult]]:
+    """Yield name and result of every sound entry of a store, in the order in which they were found.
+
+    The store may be growing meanwhile. Of a task that is done in steps, the entry has those that were done.
+    """
+    os.stat(path)  # an error where there is no such file
+    store = Store(Path(path))
+    try:
+        for name in store.names:
+            if (part := store.read(name)) is not None:
+                yield name, part
+    finally:
+        store.close()
 
 
 # -- the store ------------------------------------------------------------------------------------------------------
@@ -58,19 +109,14 @@ class Store:
     """
 
     def __init__(self, path: Path | None = None, force: bool = False) -> None:
-        self._stream: FileIO | None = None
         self.path, self.force = path, force
-        #: entries that are held in memory, where there is no file
-        self._held: dict[str, bytes] = {}
-        #: place and length of the entries in the file, once it has been scanned
-        self._places: dict[str, tuple[int, int]] | None = None
-        #: end of the last sound entry, and bytes of those before it that a later one has replaced
-        self._end, self._outdated = 0, 0
-        #: body of the entry with the identity of the work that left results there; and the entry that is to be written first
-        self._before = b""
-        self._pending = b""
-        self._home: tuple[int, int] | None = None
-        self._synced = time.monotonic()
+        self._base: sqlite3.Connection | None = None
+        #: the identity that is to be written with the next result, as JSON
+        self._pending: str | None = None
+        #: which folder was claimed, and which file is open
+        self._home, self._file = (0, 0), (0, 0)
+        #: when the disk was waited for, and whether something has been written since
+        self._synced, self._loose = time.monotonic(), False
 
     def claim(self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple) -> None:
         """Claim the store for the work that ``identity``, plain data, describes; None claims it for no work.
@@ -80,17 +126,16 @@ class Store:
 
         Raises
         ------
-        OutputError : ``path`` exists and is no store, or may not be written to, and is not discarded.
+        OutputError : ``path`` exists and is no store, or may not be written to, or is damaged, and is not discarded.
         FileExistsInRunError : there is a result of another work that is not among ``names``, and ``force`` is off. If
             ``force`` is on, all results are discarded instead.
         """
         if self.path is None:
             return
-        self._home = _identify_folder(self.path.parent)
+        self._home = _identify(self.path.parent)
         text = json.dumps(identity, sort_keys=True)
-        there, mine = self._list(), json.loads(text)
-        before = _read_identity(self._before)
-        if (identity is None or before != mine) and there.keys() - set(names()):
+        there, mine, before = set(self.names), json.loads(text), self._read_identity()
+        if (identity is None or before != mine) and there - set(names()):
             if not self.force:
                 raise FileExistsInRunError(
                     message(
@@ -103,200 +148,159 @@ class Store:
             self.clear()
         if there and self.path.exists() and not os.access(self.path, os.W_OK):
             raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
-        if identity is not None:
-            self._pending = b"" if before == mine else f"{IDENTITY}\n{text}".encode()
+        self._pending = None if identity is None or (there and before == mine) else text
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the results that are kept, in the order in which they were found."""
+        rows = self._ask("SELECT name FROM task WHERE name <> ? AND piece = 0 ORDER BY rowid", _IDENTITY)
+        return [str(name) for (name,) in rows]
 
     def __contains__(self, name: str) -> bool:
-        return name in (self._held if self.path is None else self._list())
+        return bool(self._ask("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
 
     def read(self, name: str) -> TaskResult | None:
         """Return the result of the task of this name or of its first steps; None if there is none, or it is damaged."""
-        if self.path is None:
-            entry = self._held.get(name)
-            return None if entry is None else decode(entry)
-        place = self._list().get(name)
-        if place is None:
-            return None
-        with suppress(OSError):
-            stream = self._open(writing=False)
-            body = read_body(stream, place[0], sum(place))
-            if body is not None and name_of(body) == name:
-                return read_part(body)
+        with suppress(Exception):  # whatever fails is in the file
+            return decode(self._read(name))
+        return None
+
+    def _read(self, name: str) -> bytes:
+        """Return a sound entry; ValueError if there is none."""
+        entry = b"".join(part for (part,) in self._ask("SELECT entry FROM task WHERE name = ? ORDER BY piece", name))
+        if hashlib.sha256(entry[HEAD:]).digest() != entry[:HEAD] or name_of(entry[HEAD:]) != name:
+            raise ValueError
+        return entry
+
+    def _read_identity(self) -> Any:
+        """Return the identity of the work that left results there; None if it cannot be read."""
+        with suppress(ValueError, TypeError, RecursionError):
+            return json.loads(self._read(_IDENTITY)[HEAD:].partition(b"\n")[2])
         return None
 
     def append(self, name: str, entry: bytes) -> None:
-        """Keep the result of the task of this name, as :func:`~granphon.sweeps.entries.encode` has written it.
+        """Keep the result of the task of this name, as :func:`encode` has written it.
 
         Once this returns, a kill does not lose it.
 
         Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or has been removed or replaced:
         only the process that has locked its folder may write there.
         """
-        if self.path is None:
-            self._held[name] = entry
-            return
-        places = self._list()
-        stream = self._open(writing=True)
-        whose = wrap(self._pending) if self._pending else b""  # in one write: no file holds the identity of work alone
-        place = self._put(stream, whose + entry) + len(whose)
-        self._before, self._pending = self._pending or self._before, b""
-        self._outdated += places[name][1] if name in places else 0
-        places[name] = (place, len(entry))
-        if self._outdated > max(_MOST_OUTDATED, self._end - self._outdated):
-            self._write_anew()
-        elif (now := time.monotonic()) - self._synced > _SYNC_SECONDS:
-            os.fsync(stream.fileno())
-            self._synced = now
-
-    def _put(self, stream: FileIO, entry: bytes) -> int:
-        """Append an entry and return its place; if that fails, the file is left as it was."""
-        place = self._require_same(stream)
+        base, now = self._connect(make=True), time.monotonic()
+        assert base is not None
+        wait = now - self._synced > _SYNC_SECONDS
+        whose = {} if self._pending is None else {_IDENTITY: _seal(_IDENTITY, self._pending.encode())}
         try:
-            view = memoryview(entry)
-            while view:
-                view = view[stream.write(view) :]
-        except OSError as error:
+            base.execute(f"PRAGMA synchronous = {'FULL' if wait else 'OFF'}")
+            with base:  # all or nothing: no file holds the identity of work alone
+                base.execute("BEGIN IMMEDIATE")
+                for order in _MAKE if _is_empty(base) else ():
+                    base.execute(order)
+                for key, whole in (whose | {name: entry}).items():
+                    pieces = [(key, n, whole[n * _PIECE : (n + 1) * _PIECE]) for n in range(1 + len(whole) // _PIECE)]
+                    base.execute("DELETE FROM task WHERE name = ?", (key,))
+                    base.executemany("INSERT INTO task VALUES (?, ?, ?)", pieces)
+        except sqlite3.Error as error:
             with suppress(OSError):
-                stream.truncate(place)
-                if not place:
-                    self._remove()
+                if self.path is not None and not os.path.getsize(self.path):
+                    self.clear()  # nothing was ever kept there
             raise self._explain(error) from None
-        self._end = place + len(entry)
-        return place
+        self._pending, self._loose = None, not wait
+        self._synced = now if wait else self._synced
 
-    def _require_same(self, stream: FileIO) -> int:
-        """Return the size of the file; :class:`~granphon.base.errors.OutputError` if it is not at its path any more."""
-        opened = os.fstat(stream.fileno())
-        with suppress(OSError):
-            if self.path is not None and os.path.samestat(opened, os.lstat(self.path)):
-                return opened.st_size
-        raise self._explain_loss()
-
-    def _list(self) -> dict[str, tuple[int, int]]:
-        """Return place and length of the sound entries by name; the file is scanned once."""
-        if self._places is not None:
-            return self._places
-        self._places = {}
-        if not self._check():
-            return self._places
+    def _ask(self, question: str, name: str) -> list[tuple[Any, ...]]:
+        """Return the rows that answer a question about a name; none if there is no file yet."""
+        base = self._connect()
         try:
-            stream = self._open(writing=False)
-            for place, body in scan(stream):
-                name, length = name_of(body), HEAD + len(body)
-                self._end = place + length
-                if name == IDENTITY:
-                    self._before = body
-                    continue
-                self._outdated += self._places[name][1] if name in self._places else 0
-                self._places[name] = (place, length)
-            start = read_bytes_at(stream, 0, 1_000_000)
-        except OSError as error:
+            return [] if base is None or _is_empty(base) else base.execute(question, (name,)).fetchall()
+        except sqlite3.Error as error:
             raise self._explain(error, "read") from None
-        if not self._end and start.strip(b"\0") and not start.startswith(MARK[: len(start)]):
-            self.close()
-            newer = start.startswith(MARK.rstrip(b"\0"))
-            raise self._explain_stranger("of another version of granphon" if newer else "no store of finished tasks")
-        return self._places
 
-    def _check(self) -> bool:
+    def _connect(self, make: bool = False) -> sqlite3.Connection | None:
+        """Return the open data base; None if there is no file, unless it is to be made."""
+        path = self.path
+        try:
+            if path is None:
+                self._base = self._base or sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+            elif self._base is not None:
+                if make and _identify(path) != self._file:
+                    raise FileNotFoundError
+            elif self._is_there() or make:
+                if make and self._home not in ((0, 0), _identify(path.parent)):
+                    raise FileNotFoundError
+                flags = (os.O_RDWR | os.O_CREAT if make else os.O_RDONLY) | getattr(os, "O_NOFOLLOW", 0)
+                descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
+                address = f"{path.absolute().as_uri()}?mode=rw&nolock={int(not has_locks(descriptor))}"
+                os.close(descriptor)
+                base = sqlite3.connect(address, _PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
+                try:
+                    base.execute("PRAGMA trusted_schema = OFF")
+                    _require_sound(base)
+                except sqlite3.Error:
+                    base.close()
+                    raise
+                self._base, self._file = base, _identify(path)
+        except (OSError, sqlite3.OperationalError) as error:
+            raise self._explain(error, "written" if make else "read") from None
+        except sqlite3.DatabaseError as error:
+            if self.force:
+                self.clear()
+            if path is None or os.path.lexists(path):
+                what = f"{path}, with the finished parts of work that was interrupted, is damaged: {error}"
+                mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
+                raise OutputError(message(what, mend=mend)) from None
+            return self._connect(make)
+        return self._base
+
+    def _is_there(self) -> bool:
         """Return whether there is a file; :class:`~granphon.base.errors.OutputError` if something else is there."""
-        try:
-            found = os.lstat(str(self.path))
-        except FileNotFoundError:
+        path = Path(str(self.path))
+        if not os.path.lexists(path):
             return False
-        except OSError as error:
-            raise self._explain(error, "read") from None
-        if not stat.S_ISREG(found.st_mode):
-            kinds = {stat.S_IFLNK: "a symbolic link", stat.S_IFDIR: "a folder"}
-            raise self._explain_stranger(kinds.get(stat.S_IFMT(found.st_mode), "not a file"))
+        head = b"no file"
+        if stat.S_ISREG(path.lstat().st_mode):
+            with path.open("rb") as stream:
+                head = stream.read(100)
+        if head and (not head.startswith(_SQLITE) or head[60:64] + head[68:72] != _VERSION + _KIND):
+            why = "The finished parts of work under way are kept in a file of that name"
+            what = f"{path} is no store of finished tasks, or one of another version of granphon"
+            raise OutputError(message(what, why, "Move it away, or choose another folder"))
         return True
 
-    def _open(self, writing: bool) -> FileIO:
-        """Return the open file; to write, it is made if need be, and what a kill has left at its end is cut off."""
-        if self._stream is not None and (self._stream.writable() or not writing):
-            return self._stream
-        self.close()
-        flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-        flags |= os.O_RDWR | os.O_APPEND | os.O_CREAT if writing else os.O_RDONLY
-        try:
-            if writing and self._home not in (None, _identify_folder(Path(str(self.path)).parent)):
-                raise FileNotFoundError
-            descriptor = os.open(str(self.path), flags, 0o666)
-        except FileNotFoundError:
-            raise self._explain_loss() from None
-        except OSError as error:
-            raise self._explain(error, "written" if writing else "read") from None
-        self._stream = FileIO(descriptor, "a+" if writing else "r")
-        if writing and os.fstat(descriptor).st_size > self._end:
-            os.ftruncate(descriptor, self._end)
-        return self._stream
-
-    def _write_anew(self) -> None:
-        """Write the file anew without the entries that later ones have replaced."""
-        if self.path is None or self._places is None or self._stream is None:
-            return
-        draft, places, end = self._draft, dict[str, tuple[int, int]](), 0
-        try:
-            with open(draft, "wb") as stream:
-                if self._before:
-                    end += stream.write(wrap(self._before))
-                for name, (place, length) in self._places.items():
-                    places[name] = (end, length)
-                    end += stream.write(read_bytes_at(self._stream, place, length))
-                stream.flush()
-                os.fsync(stream.fileno())
-            self._require_same(self._stream)
-            self.close()
-            os.replace(draft, self.path)
-        except OSError as error:
-            raise self._explain(error) from None
-        self._places, self._end, self._outdated = places, end, 0
-
-    @property
-    def _draft(self) -> str:
-        return f"{self.path}.new"
-
-    def _explain_stranger(self, kind: str) -> OutputError:
-        why = "The finished parts of work under way are kept in a file of that name"
-        return OutputError(message(f"{self.path} is {kind}", why, "Move it away, or choose another folder"))
-
-    def _explain(self, error: OSError, done: str = "written") -> OutputError:
+    def _explain(self, error: OSError | sqlite3.Error, done: str = "written") -> OutputError:
         if isinstance(error, OutputError):
             return error
-        what, why = f"{self.path} cannot be {done}: {error.strerror or error}", "What was finished before is kept"
+        if isinstance(error, FileNotFoundError):
+            what = f"{self.path}, or its folder, has been removed or replaced while it was written"
+            mend = "Run the same command again: it starts from the beginning"
+            return OutputError(message(what, "The parts that were finished are not there", mend))
+        full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+        number = errno.ENOSPC if full else getattr(error, "errno", None)
+        what = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
         mend = f"Run the same command again when it can be {done}"
-        if error.errno == errno.ENOSPC:
+        if number == errno.ENOSPC:
             mend = "Free some space, and run the same command again"
-        return OutputError(message(what, why, mend))
-
-    def _explain_loss(self) -> OutputError:
-        home = Path(str(self.path)).parent
-        lost = self.path if self._home in (None, _identify_folder(home)) else home
-        what, why = f"{lost} has been removed or replaced while it was written", "The parts that were finished are not there"
-        return OutputError(message(what, why, "Run the same command again: it starts from the beginning"))
+        return OutputError(message(what, "What was finished before is kept", mend))
 
     def close(self) -> None:
         """Force what has been written to the disk, and close the file; it is opened again when it is needed."""
-        if self._stream is not None:
-            stream, self._stream = self._stream, None
-            with stream, suppress(OSError):
-                if stream.writable():
+        if self._base is not None:
+            self._base.close()
+            self._base = None
+            if self._loose and self.path is not None:
+                with suppress(OSError), open(self.path, "r+b") as stream:
                     os.fsync(stream.fileno())
+            self._loose = False
 
     def __del__(self) -> None:
-        self.close()
+        if self._base is not None:
+            self._base.close()
 
     def clear(self) -> None:
         """Delete every result, and the file."""
-        ours = bool(self._end) or self._stream is not None
+        ours = self.path is not None and (self._is_there() if self._base is None else _identify(self.path) == self._file)
         self.close()
-        self._held, self._places, self._end, self._outdated = {}, None, 0, 0
-        self._before = b""
-        if self.path is not None and ours:
-            self._remove()
-
-    def _remove(self) -> None:
-        for name in (str(self.path), self._draft):
+        for name in (f"{self.path}", f"{self.path}-journal") if ours else ():
             with suppress(OSError):
                 os.unlink(name)
 
@@ -312,24 +316,29 @@ def open_store(path: Path | None, force: bool = False) -> Iterator[Store]:
         store.close()
 
 
-def _identify_folder(folder: Path) -> tuple[int, int] | None:
-    """Return device and inode of a folder, which identify it whatever its name; None if it is not there."""
+def _identify(place: Path) -> tuple[int, int]:
+    """Return device and inode, which identify a folder or a file whatever its name; zeros if it is not there."""
     with suppress(OSError):
-        found = os.stat(folder)
+        found = os.lstat(place)
         return found.st_dev, found.st_ino
-    return None
+    return 0, 0
+
+
+def _is_empty(base: sqlite3.Connection) -> bool:
+    return not base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall()
+
+
+def _require_sound(base: sqlite3.Connection) -> None:
+    """Raise sqlite3.DatabaseError unless a data base is empty, or has the one table that a store has, undamaged."""
+    found = [order for (order,) in base.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")]
+    if found and found != [_TABLE]:
+        raise sqlite3.DatabaseError("it holds something else")
+    for (said,) in base.execute("PRAGMA integrity_check(1)").fetchall():
+        if said != "ok":
+            raise sqlite3.DatabaseError(said)
 
 
 # -- whose results they are -----------------------------------------------------------------------------------------
-
-
-def _read_identity(body: bytes) -> Any:
-    """Return the identity in the body of its entry; None if there is none."""
-    with suppress(ValueError, RecursionError):
-        return json.loads(body.partition(b"\n")[2])
-    return None
-
-
 def _explain_difference(there: Any, here: Any) -> str:
     """Say how the work there differs from the one here."""
     if here is None:

@@ -25,9 +25,8 @@ from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
-from granphon.base.staging import ResultFiles
+from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
-from granphon.base.written_files import is_written, read_written_files
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.cases import Case, Grid, require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
@@ -317,8 +316,7 @@ def _choose_target(path: str | os.PathLike[str] | None, resume: bool) -> Path | 
 
 def _load_complete(target: Path, frame: Dataset) -> Dataset | None:
     """Return the sweep in ``target`` if it is complete and is the one that ``frame`` describes; otherwise None."""
-    written = read_written_files(target.parent)
-    if not all(name in written and is_written(target.with_name(name), written[name]) for name in file_names(target)):
+    if not is_whole(target.parent, file_names(target)):
         return None
     there = load_sweep(target)
     return there if collect_identity(there) == json.loads(to_json(collect_identity(frame))) else None

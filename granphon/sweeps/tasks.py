@@ -22,9 +22,8 @@ from uuid import uuid4
 
 from granphon.base.errors import GranphonError, OutputError, message
 from granphon.base.progress import Progress, Step, silent
-from granphon.sweeps.entries import HEAD, TaskResult, decode, encode, name_of
 from granphon.sweeps.schedulers import adapt
-from granphon.sweeps.store import Store
+from granphon.sweeps.store import HEAD, Store, TaskResult, decode, encode, name_of
 from granphon.sweeps.workers import WorkerLost
 
 __all__ = ["Done", "Task", "carry_out", "hand_over", "solve_all"]

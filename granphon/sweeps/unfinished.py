@@ -20,8 +20,7 @@ from granphon.base.errors import ConvergenceError, GranphonError, OutputError
 from granphon.base.staging import ResultFiles
 from granphon.base.text import counted
 from granphon.sweeps.archive import file_names, write_sweep
-from granphon.sweeps.entries import TaskResult
-from granphon.sweeps.store import Store
+from granphon.sweeps.store import Store, TaskResult
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -31,9 +31,8 @@ from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.accuracy import read_truth
-from granphon.sweeps.entries import TaskResult
 from granphon.sweeps.jobs import to_json
-from granphon.sweeps.store import Store
+from granphon.sweeps.store import Store, TaskResult
 from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.workers import packages
 from granphon.tradeoffs.questions import choose_studies
