@@ -57,11 +57,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
     if several or axes is not None:
         return _plot_several(result if several else [result], axes, options)
-    if "granphon.SweepResult" in kinds:
-        return plot(result.dataset, **options)
     known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
     given = {} if known is None else {known[2]: result}
-    if "granphon.RunResult" in kinds and not (result.bands is None and result.dos is None):
+    if hasattr(result, "dataset"):  # the result of a scene
+        if result.bands is None and result.dos is None:
+            return plot(result.dataset, **options)
         known, given = _PICTURES["granphon.Bands"], {"bands": result.bands, "dos": result.dos}
     if known is None or (kinds[0] == "xarray.Dataset" and "valid" not in result):
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, message
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
-from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
+from granphon.scene.result_files import SWEEP_FIGURES, draw_sweep, figure_name, wave_files
 from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
-from granphon.scene.sweep_figures import draw_sweep
 
 if TYPE_CHECKING:
     from granphon.dynamics.modes import ContactLattice
@@ -71,6 +70,8 @@ def redraw(
         raise InputError(
             message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
         )
+    if wave is None and variable is None and not _OF_SWEEPS & {stem} and (spectra := {"band.yaml", "dos.csv"} & set(have)):
+        have = {name: path for name, path in have.items() if name in spectra}  # of a single state they are the figure
     swept, fitted = "sweep.nc" in have, "fit.yaml" in have
     if (swept or fitted) and asymptotes:
         what = f"{source} holds a {'sweep' if swept else 'fit'}"
