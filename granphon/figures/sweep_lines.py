@@ -23,18 +23,12 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 __all__ = [
-    "describe_lines", "drop_directions", "find_dataset", "find_load", "is_simulated", "list_combinations",
+    "describe_lines", "drop_directions", "find_load", "is_simulated", "list_combinations",
     "list_parameters", "read_curve", "read_packing", "read_values", "write_labels",
 ]  # fmt: skip
 
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
 _LARGEST = 1e280
-
-
-def find_dataset(result: Any) -> Dataset | None:
-    """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
-    found = getattr(result, "dataset", result)
-    return found if hasattr(found, "data_vars") and "valid" in found else None
 
 
 def find_load(dataset: Dataset) -> str:

@@ -57,7 +57,7 @@ def redraw(
     have = find_results(source)
     waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
     stem = None if out is None else Path(out).stem
-    there = {Path(name).stem for name in waves} | (_OF_SWEEPS if "sweep.nc" in have else set())
+    there = {Path(name).stem for name in waves} | {one for one in _OF_SWEEPS if (source / f"{one}.csv").exists()}
     if stem in _NAMED - there:
         raise InputError(message(f"{source} holds no {stem} to draw", mend="Give the figure another name"))
     # the one that the file's name says; without bands and the like, the first

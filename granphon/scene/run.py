@@ -84,8 +84,10 @@ def run(
     ):
         with scene.plan.place_errors():
             work = SweepRun.of(scene.plan.grid, **scene.bands)
+            if not scene.has_tasks:
+                store.claim(None)
             try:
-                dataset = work.solve(executor, progress, store)
+                dataset = work.solve(executor, progress, store) if scene.has_tasks else work.solve()
             except GranphonError as error:
                 if error.reached is None:
                     raise

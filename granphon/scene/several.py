@@ -137,6 +137,8 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     from granphon.figures.runs import Run
 
     path, name = Path(source), str(source)
+    if path.name == _SUMMARY and path.is_file():
+        path = path.with_name("sweep.nc")  # whose numbers it tells
     have = {_name_kind(path): path} if path.is_file() else find_results(path)
     if "fit.yaml" in have:
         return Run(name, fit=read_fit(have["fit.yaml"]))

@@ -247,8 +247,9 @@ class SweepRun:
         loads before.
         """
         place, pieces = store or Store(), [work.pieces for work in self.works]
-        place.claim(collect_identity(self.frame), lambda: [piece.name for several in pieces for piece in several])
-        self._found[:] = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
+        tasks = [piece for several in pieces for piece in several]
+        place.claim(collect_identity(self.frame), lambda: [piece.name for piece in tasks])
+        self._found[:] = solve_all("simulation" if self.grid.is_one_state else "sweep", tasks, executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
         parts = [work.join(self._found[a:b]) for work, (a, b) in zip(self.works, pairwise(ends), strict=True)]
         dataset = fill(self.frame, self.grid, self.works, [strip(part) for part in parts])
