@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -82,7 +83,8 @@ def run(
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
         open_store(target / WORK_FILE, force) as store,
     ):
-        with scene.plan.place_errors():
+        buckling = scene.plan.origin.where_it_buckles() if scene.plan.grid.is_one_state else nullcontext()
+        with scene.plan.place_errors(), buckling:
             work = SweepRun.of(scene.plan.grid, **scene.bands)
             if not scene.has_tasks:
                 store.claim(None)

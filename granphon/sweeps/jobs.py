@@ -69,7 +69,8 @@ class Asked:
     waves : what is asked of the waves in each sample; None for nothing.
     exponents : whether the exponent is.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
-    balls : whether the balls of samples are kept, for files and figures of them, which a single state has.
+    alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
+        not say which state they are about.
     """
 
     finite_overlap: bool = False
@@ -78,7 +79,7 @@ class Asked:
     waves: WaveSettings | None = None
     exponents: bool = True
     sound: bool = True
-    balls: bool = False
+    alone: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,6 +342,9 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
     It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
     index of that load in the sweep. If no load fails alone, ``error`` is returned with the task only.
     """
+    if job.asked.alone:
+        error.load_index = 0 if error.option is None else None
+        return error
     if error.option is not None:  # it is not about a load
         return _name_task(job.where, error)
     at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
@@ -450,5 +454,5 @@ class _SampleJob(Job):
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         asked = self.asked
-        found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.balls) for one in samples])
-        return found | keep_balls(samples[0]) if self.asked.balls else found
+        found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
+        return found | keep_balls(samples[0]) if self.asked.alone else found
