@@ -390,7 +390,7 @@ def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, uni
     from granphon.sweeps.jobs import Work
 
     def names(forces):
-        work = Work(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)), None)
+        work = Work(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)))
         return {piece.name for piece in work.pieces}
 
     assert names([0.3 * unit, 30.0 * unit]) == names([30.0 * unit, 0.3 * unit])

@@ -425,14 +425,17 @@ def test_a_scene_without_permission(work, capsys, monkeypatch):
 
 # -- run ------------------------------------------------------------------------------------------------------------
 
+#: the files of every run
+ALONE = ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
+
 
 def test_run_writes_velocities(work, capsys):
     assert main(["run", "scene.yaml", "-o", "new/out"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     assert "longitudinal velocity 790.96 m/s" in out
-    assert "Wrote scene.yaml, summary.yaml into new/out" in out
-    assert tree(work / "new") == {"out", "out/scene.yaml", "out/summary.yaml"}
+    assert "Wrote scene.yaml, summary.yaml, sweep.nc, sweep.csv into new/out" in out
+    assert tree(work / "new") == {"out", *(f"out/{name}" for name in ALONE)}
     assert Scene.from_yaml("new/out/scene.yaml") == Scene.from_yaml("scene.yaml")
     summary = yaml.safe_load(Path("new/out/summary.yaml").read_text())
     state = Scene.from_yaml("scene.yaml").state()
@@ -444,7 +447,7 @@ def test_run_writes_velocities(work, capsys):
     assert (summary["bulk"], summary["shear"]) == (moduli.bulk, moduli.shear)
     assert summary["mindlin_ratio"] == state.packing.mindlin_ratio
     assert summary["tensor"] == moduli.tensor.tolist()
-    assert summary["versions"] == files.versions("numpy", "scipy")
+    assert summary["versions"] == files.versions("numpy", "scipy", "xarray", "h5netcdf")
     assert (summary["valid"], summary["ok"]) == (True, True)
     assert [check["name"] for check in summary["validity"]] == [
         "contact_radius", "load", "velocity", "resonance", "young_modulus", "density", "high_density", "diameter",
@@ -471,14 +474,14 @@ def test_run_computes_only_what_is_observed(work):
     (work / "scene.yaml").write_text(SCENE.replace("[velocities]", "[dos]"), encoding="utf-8")
     result = Scene.from_yaml("scene.yaml").run("out", figures=False)
     assert (result.velocities, result.moduli, result.bands) == (None, None, None)
-    assert tree(work / "out") == {"scene.yaml", "summary.yaml", "dos.csv"}
+    assert tree(work / "out") == {*ALONE, "dos.csv"}
     assert "longitudinal" not in (work / "out/summary.yaml").read_text()
 
 
 def test_run_writes_spectra_that_are_read_back(work):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     result = Scene.from_yaml("scene.yaml").run("out", figures=False)
-    assert tree(work / "out") == {"scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv"}
+    assert tree(work / "out") == {*ALONE, "band.yaml", "phonopy_params.yaml", "dos.csv"}
     assert {str(p) for p in result.files} == {f"out/{name}" for name in tree(work / "out")}
     bands, dos = gp.Bands.read("out/band.yaml"), gp.DensityOfStates.read_csv("out/dos.csv")
     phonons = gp.Phonons(result.state)
@@ -488,7 +491,7 @@ def test_run_writes_spectra_that_are_read_back(work):
     np.testing.assert_allclose(dos.total, phonons.dos((8, 8)).total, rtol=1e-12)
     summary = yaml.safe_load((work / "out/summary.yaml").read_text())
     assert summary["top_frequency"] == expected.frequencies.max()
-    assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "ase", "phonopy", "spglib"}
+    assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy", "spglib"}
 
 
 def test_finite_overlap_reaches_every_result(work):
@@ -556,13 +559,13 @@ def test_plot_leaves_out_nothing_that_the_run_wrote(work, capsys):
         assert main(["plot", "out"]) == 2
         assert why in one_error(capsys)
     (work / "copy").mkdir()
-    for name in ("summary.yaml", "dos.csv"):  # as a copy without hidden files
+    for name in ("summary.yaml", "dos.csv", "sweep.nc"):  # as a copy without hidden files
         (work / "copy" / name).write_bytes((work / "out" / name).read_bytes())
     assert main(["plot", "copy"]) == 2
     assert "copy holds no band.yaml, though a run wrote it there." in one_error(capsys)
     (work / "copy" / "band.yaml").write_bytes(whole)
     assert main(["plot", "copy"]) == 0
-    assert tree(work / "copy") == {"summary.yaml", "dos.csv", "band.yaml", "bands.png"}
+    assert tree(work / "copy") == {"summary.yaml", "dos.csv", "sweep.nc", "band.yaml", "bands.png"}
 
 
 def test_an_existing_result_is_not_overwritten(work, capsys):
@@ -592,7 +595,7 @@ def test_force_leaves_no_file_of_the_earlier_run(work):
     (work / "out" / "notes.txt").write_text("mine")
     (work / "scene.yaml").write_text(SCENE, encoding="utf-8")
     Scene.from_yaml("scene.yaml").run("out", force=True)
-    assert tree(work / "out") == {"scene.yaml", "summary.yaml", "notes.txt"}
+    assert tree(work / "out") == {*ALONE, "notes.txt"}
 
 
 def test_expected_files_are_those_written(work):
@@ -602,7 +605,7 @@ def test_expected_files_are_those_written(work):
     assert tuple(path.name for path in result.files) == expected_files(scene, figures=False)
     assert set(expected_files(scene)) - set(expected_files(scene, figures=False)) == {"bands.png"}
     alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
-    assert expected_files(alone) == ("scene.yaml", "summary.yaml", "dos.csv", "dos.png")
+    assert expected_files(alone) == (*ALONE, "dos.csv", "dos.png")
 
 
 def test_a_failing_computation_leaves_nothing(work, capsys):
@@ -725,7 +728,7 @@ def test_check_tells_what_will_be_done(work, capsys):
     for expected in (
         "E = 211.65 GPa, Poisson ratio 0.276, 7840 kg/m^3", "triangular, balls of 8 mm, with friction", "force 18.446 N",
         "overlap 1.9392 um", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0 (G K M G), 11 points", "8 x 8", "velocities, bands, dos",
-        "scene.yaml, summary.yaml, band.yaml, phonopy_params.yaml, dos.csv, bands.png",
+        "scene.yaml, summary.yaml, sweep.nc, sweep.csv, band.yaml, phonopy_params.yaml, dos.csv, bands.png",
     ):  # fmt: skip
         assert expected in out
     assert tree(work) == {"scene.yaml"}

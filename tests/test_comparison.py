@@ -375,7 +375,7 @@ def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(folders, 
     monkeypatch.chdir(folders)
     before = sorted(folders.rglob("*"))
     for words, told in (
-        (["sweep", "bands"], "sweep and bands cannot share an axis: no velocity is in all."),
+        (["sweep", "bands/band.yaml"], "bands/band.yaml holds bands and no velocities. sweep is a sweep: they cannot share"),
         (["sweep", "nowhere"], "there is no folder nowhere"), (["sweep", "sweep"], "sweep is given twice"),
         (["sweep", "one", "--y", "exponnt"], "Did you mean exponent"),
         (["sweep", "one", "-o", "x.txt"], "names no figure format"),

@@ -827,7 +827,8 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
     resolved = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
     assert resolved == replace(given, source=resolved.source)
     assert yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())["packing"]["finite_overlap"] is True
-    assert "finite overlap" in read_run(tmp_path / "out").state.facts["overlap"]
+    (facts, _), *_ = describe_lines(read_run(tmp_path / "out").dataset, "force")
+    assert "finite overlap" in facts["overlap"]
     known = result.state.contact_lattice()
     monkeypatch.setattr(gp.DirectSimulation, "at", None)  # its asymptotes are drawn without simulating again
     drawn = []

@@ -32,7 +32,7 @@ from granphon.cli.commands import main
 from granphon.cli.wording import write_uncertain
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
-from granphon.scene.results import SweepResult
+from granphon.scene.results import RunResult
 from granphon.scene.run import is_complete
 from granphon.scene.scene import Load, Scene
 from granphon.sweeps.archive import load_sweep
@@ -184,7 +184,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     assert main(["run", "scene.yaml", "-o", "out"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "sample.extxyz", "forces.png"}
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "sample.extxyz", "forces.png"}
     assert set(expected_files(Scene.from_text(text))) == listed(work / "out")
     scene = Scene.from_yaml("out/scene.yaml")
     assert scene == Scene.from_text(text)
@@ -212,7 +212,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
 def test_the_sample_is_read_by_ase(work):
     (work / "scene.yaml").write_text(SIMULATED)
     result = Scene.from_yaml("scene.yaml").run("out", figures=False)
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "sample.extxyz"}
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "sample.extxyz"}
     atoms, sample = ase.io.read("out/sample.extxyz"), result.state.sample
     assert sample.seed == 4
     assert (len(atoms), atoms.pbc.tolist()) == (256, [True, True, False])
@@ -258,7 +258,7 @@ def test_without_friction_or_of_one_sample_there_is_no_error(work):
 def test_another_result_leaves_no_sample_behind(work):
     Scene.from_text(SIMULATED).run("out")
     Scene.from_text(ONE).run("out", force=True)
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+    assert listed(work / "out") == ALL - {"sweep.png"}
 
 
 def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsys, monkeypatch):
@@ -358,7 +358,7 @@ def test_every_kind_of_load_is_swept(work, kind, values):
     np.testing.assert_array_equal(result.dataset["normal_stiffness"].sel(medium="afa", width=1e-6), state.normal_stiffness)
 
 
-def result_material(result: SweepResult) -> gp.Material:
+def result_material(result: RunResult) -> gp.Material:
     return gp.Material(**{k: v for k, v in json.loads(result.dataset.attrs["packing"])["material"].items() if k != "class"})
 
 
@@ -410,22 +410,22 @@ def test_many_measured_diameters_are_kept_with_the_result(work):
     text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
     (work / "scene.yaml").write_text(text)
     scene = Scene.from_yaml("scene.yaml")
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv")
+    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
     result = scene.run("out")
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "diameters.csv"}
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "diameters.csv"}
     assert Scene.from_yaml("out/scene.yaml") == scene
     assert Scene.from_yaml("out/scene.yaml").run("again").state == result.state
     # a later result without it removes it
     Scene.from_text(ONE).run("out", force=True)
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+    assert listed(work / "out") == ALL - {"sweep.png"}
 
 
 def test_what_no_run_has_written_is_not_removed(work):
     Scene.from_text(ONE).run("out")
     (work / "out" / "diameters.csv").write_text("mine")
-    (work / "out" / "sweep.nc").write_text("mine")
+    (work / "out" / "sample.extxyz").write_text("mine")
     Scene.from_text(ONE).run("out", force=True)
-    for name in ("diameters.csv", "sweep.nc"):
+    for name in ("diameters.csv", "sample.extxyz"):
         assert (work / "out" / name).read_text() == "mine"
     (work / "out" / "summary.yaml").write_text("files: 3")
     with pytest.raises(FileExistsInRunError, match=r"summary\.yaml: granphon wrote it, and it has been changed since"):
@@ -440,7 +440,7 @@ def test_a_long_summary_hides_no_file_of_the_earlier_run(work):
     Scene.from_text(text).run("out", figures=False)
     assert (work / "out" / "summary.yaml").stat().st_size > 100_000
     Scene.from_text(ONE).run("out", force=True)
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+    assert listed(work / "out") == ALL - {"sweep.png"}
 
 
 def measured_scene(folder: Path) -> bytes:
@@ -490,7 +490,7 @@ def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys
     out, err = capsys.readouterr()
     assert "bands.png could not be drawn" in err
     assert "bands.png" not in out
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml"}
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "band.yaml", "phonopy_params.yaml"}
     written = summary("out")
     assert any("bands.png could not be drawn" in warning for warning in written["warnings"])
     assert set(written["files"]) == listed(work / "out")
@@ -566,7 +566,7 @@ def test_settings_that_keep_matplotlib_from_being_imported_leave_the_numbers(wor
 def test_a_result_of_another_kind_is_replaced_as_a_whole(work):
     Scene.from_text(SWEEP).run("out")
     Scene.from_text(ONE).run("out", force=True)
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+    assert listed(work / "out") == ALL - {"sweep.png"}
     Scene.from_text(SWEEP).run("out", force=True)
     assert listed(work / "out") == ALL
     assert set(RESULT_FILES) >= ALL
@@ -783,7 +783,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
         with pytest.raises(KeyboardInterrupt):
             scene.run("out", force=True)
     # the older result is still whole
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml", WORK_FILE}
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), WORK_FILE}
     assert Scene.from_yaml("out/scene.yaml") == Scene.from_text(ONE)
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert "already holds scene.yaml, summary.yaml" in capsys.readouterr().err
@@ -968,11 +968,11 @@ SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples:
 @pytest.mark.parametrize("more", ["", ", friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"])
 def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
     """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
-    from granphon.sweeps.samples import _SampleTask
+    from granphon.sweeps.jobs import _SampleJob
 
     (work / "scene.yaml").write_text(SAMPLES.replace("samples: 4", "samples: 4" + more))
     assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
-    begun, solve = [], _SampleTask.solve
+    begun, solve = [], _SampleJob.solve
 
     def solved(task, part=None):
         begun.append(task.where)
@@ -981,7 +981,7 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
         return solve(task, part)
 
     with monkeypatch.context() as patch:
-        patch.setattr(_SampleTask, "solve", solved)
+        patch.setattr(_SampleJob, "solve", solved)
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 130
     kept = "The finished parts are kept: run the same command again to continue."
     assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
@@ -991,7 +991,7 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
     assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
     begun[:] = [""] * 3
     with monkeypatch.context() as patch:
-        patch.setattr(_SampleTask, "solve", solved)
+        patch.setattr(_SampleJob, "solve", solved)
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     assert [where.rpartition(", ")[2] for where in begun[3:]] == ["seed 2", "seed 3"]
     assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
@@ -1038,7 +1038,7 @@ HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_to
     ],
 )  # fmt: skip
 def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
-    from granphon.sweeps.samples import solve_state
+    from granphon.sweeps.sweep import SweepRun
 
     text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
     text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")
@@ -1047,7 +1047,9 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     )
     scene = Scene.from_text(text)
     assert scene.has_tasks
-    state, expected = solve_state(scene.rung, True), scene.state()
+    run = SweepRun.of(scene.plan.grid)
+    run.solve()
+    state, expected = run.state, scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
@@ -1074,7 +1076,7 @@ def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, m
         assert "out/.granphon-sweep holds the finished part of other work" in err
         assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
     assert main(["run", "one.yaml", "-o", "out", "--force", "-q"]) == 0
-    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+    assert listed(work / "out") == ALL - {"sweep.png"}
 
 
 @pytest.mark.parametrize("name", ["sweep.csv", "sweep.nc", "summary.yaml", "scene.yaml"])
@@ -1210,10 +1212,13 @@ def test_plot_draws_a_sweep_again(work, capsys, monkeypatch):
     assert "cannot be read" in capsys.readouterr().err
 
 
-def test_only_a_sweep_has_variables(work, capsys):
+def test_only_a_data_set_has_variables(work, capsys):
     (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
-    assert main(["plot", "out", "--variable", "bulk", "--force"]) == 2
+    assert main(["plot", "out", "--variable", "bulk", "-o", "bulk.svg"]) == 0
+    (work / "alone").mkdir()
+    (work / "out" / "dos.csv").rename(work / "alone" / "dos.csv")
+    assert main(["plot", "alone", "--variable", "bulk", "--force"]) == 2
     assert "holds no sweep" in capsys.readouterr().err
 
 

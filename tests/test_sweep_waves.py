@@ -273,7 +273,7 @@ def test_pulse_that_cannot_be_sent_is_told_and_all_else_is_written(tmp_path):
     # the top of the modes is known once the forces are, and margins before
     scene = gp.Scene.from_text(_with_pulse(ONE, frequency="100 kHz"))
     result = scene.run(tmp_path / "out")
-    assert any("no pulse could be sent" in text and "above the top" in text for text in result.warnings)
+    assert any("arrival of the pulse is not known" in text and "above the top" in text for text in result.warnings)
     assert (tmp_path / "out" / "summary.yaml").exists()
     assert not list((tmp_path / "out").glob("pulse.*"))
     assert not {"coherent_fraction", "pulse_velocity"} & set(result.summary())
@@ -324,4 +324,4 @@ def test_array_too_large_for_the_memory_is_refused_with_an_estimate(monkeypatch)
     monkeypatch.undo()
     assert scene.cost().known > 3.0 * few.cost().known  # spectra and pulses, at two loads and in two samples
     once = gp.Scene.from_text(text.replace("[2 N, 40 N]", "40 N").replace("[dos, spectrum, pulse]", "[dos]"))
-    assert few.cost().known == pytest.approx(4.0 * once.cost().known, rel=0.01)
+    assert few.cost().known == pytest.approx(2.0 * once.cost().known, rel=0.01)

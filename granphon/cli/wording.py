@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.media.choice import Rung
     from granphon.media.cost import Cost
-    from granphon.scene.results import RunResult, SweepResult
+    from granphon.scene.results import RunResult
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
@@ -131,7 +131,7 @@ def describe_cost(cost: Cost) -> str:
     return f"{cost.text} on one processor"
 
 
-def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
+def describe_result(result: RunResult) -> list[tuple[str, str]]:
     """Rows of the main numbers of a result: labels, and values in readable units."""
     from granphon.observables.catalogue import CATALOGUE
 

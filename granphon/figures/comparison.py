@@ -36,6 +36,7 @@ from granphon.base.scales import HertzPrefix
 from granphon.figures.runs import Run
 from granphon.figures.shared_axis import choose_axes, read_points, require_one_axis
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
+from granphon.figures.sweep_lines import describe_lines
 from granphon.figures.words import find_differing, join_facts, write_value
 from granphon.figures.zones import print_label
 from granphon.fits.measurements import Measurements
@@ -246,10 +247,11 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
     facts = []
     for run in runs:
         told = {"name": run.name} if run.named else {}
-        if run.state is not None:
-            load = run.state.load
-            value = write_value(float(run.state.numbers[load]), run.state.units.get(load, ""))
-            told |= run.state.facts | {"load": f"{load} {value}"}
+        if run.dataset is not None:
+            load = run.dataset[run.load]
+            (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
+            value = write_value(float(load.values[0]), load.attrs.get("units", ""))
+            told |= facts_of_state | {"load": f"{run.load} {value}"}
         facts.append(told)
     known = all(facts)  # what one run does not tell of itself is no difference between it and the others
     facts = [

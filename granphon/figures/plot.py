@@ -11,8 +11,9 @@ from granphon.base.errors import InputError, brief, message
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from xarray import Dataset
 
-__all__ = ["plot"]
+__all__ = ["find_dataset", "plot"]
 
 #: for the class of a result, by the package and the name, so that none is imported here: the module of figures, the
 #: function that draws it, and the keyword under which the function takes it
@@ -57,17 +58,24 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
     if several or axes is not None:
         return _plot_several(result if several else [result], axes, options)
-    if "granphon.SweepResult" in kinds:
-        return plot(result.dataset, **options)
     known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
     given = {} if known is None else {known[2]: result}
-    if "granphon.RunResult" in kinds and not (result.bands is None and result.dos is None):
-        known, given = _PICTURES["granphon.Bands"], {"bands": result.bands, "dos": result.dos}
-    if known is None or (kinds[0] == "xarray.Dataset" and "valid" not in result):
+    if (dataset := find_dataset(result)) is not None:  # of the result of a scene the spectra come first
+        spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
+        known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
+        if dataset is not result and any(one is not None for one in spectra.values()):
+            known, given = _PICTURES["granphon.Bands"], spectra
+    if known is None or (kinds[0] == "xarray.Dataset" and dataset is None):
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
     draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given, options)
     return _show(draw(**given, **options))
+
+
+def find_dataset(result: Any) -> Dataset | None:
+    """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
+    found = getattr(result, "dataset", result)
+    return found if hasattr(found, "data_vars") and "valid" in found else None
 
 
 def _show(figure: Figure) -> Figure:

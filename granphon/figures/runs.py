@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,9 @@ from granphon.figures.curves import Curve
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.figures.fits import write_width
+from granphon.figures.plot import find_dataset
 from granphon.figures.sweep_lines import describe_lines, find_load, list_parameters, read_curve
 from granphon.figures.words import describe_medium, list_facts, write_value
 from granphon.fits.fit import WidthFit
@@ -25,7 +25,7 @@ from granphon.phonons.dos import DensityOfStates
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["LOADS_OF_AXES", "Run", "SingleState"]
+__all__ = ["LOADS_OF_AXES", "Run"]
 
 Array = NDArray[np.float64]
 #: what may be on the axis of loads
@@ -35,28 +35,10 @@ _LINE = 200
 
 
 @dataclass(frozen=True, eq=False)
-class SingleState:
-    """The numbers of a run of one state, by name, with their units, and what it is of: packing, medium and kind of load."""
-
-    numbers: Mapping[str, Any]
-    units: Mapping[str, str]
-    packing: Packing
-    medium: str
-    load: str
-    finite_overlap: bool = False
-
-    @property
-    def facts(self) -> dict[str, str]:
-        """What the state is of, in words by kind."""
-        structure, told = self.packing.structure, list_facts(self.packing, self.finite_overlap)
-        if (along := self.numbers.get("direction")) is not None:
-            told["direction"] = f"along ({', '.join(f'{x:g}' for x in along)})"
-        return told | {"medium": describe_medium(self.medium, structure.periods, structure.n_balls)}
-
-
-@dataclass(frozen=True, eq=False)
 class Run:
-    """One run: a sweep, a fit, or a state with bands, a density of states or both. What it does not hold is None.
+    """One run: a data set of states, a fit, or of one state bands, a density of states or both.
+
+    What it does not hold is None.
 
     ``name`` is that in messages; where ``named``, it also stands in legends, for all that the curves of the run share.
     """
@@ -64,7 +46,6 @@ class Run:
     name: str
     dataset: Dataset | None = None
     fit: WidthFit | None = None
-    state: SingleState | None = None
     bands: Bands | None = None
     dos: DensityOfStates | None = None
     named: bool = False
@@ -80,37 +61,29 @@ class Run:
             return cls(name, bands=result, named=named)
         if isinstance(result, DensityOfStates):
             return cls(name, dos=result, named=named)
-        kind = type(result).__name__  # this package cannot import those of runs and sweeps
-        if kind == "SweepResult":
-            return cls(name, dataset=result.dataset, named=named)
-        if kind == "Dataset" and "valid" in result:
-            return cls(name, dataset=result, named=named)
-        if kind == "RunResult":
-            numbers = result.summary()
-            units = {one: entry.unit for one in numbers if (entry := result.entry(one)) is not None}
-            state = SingleState(
-                numbers, units, result.state.packing, result.medium, result.load, bool(result.state.finite_overlap)
-            )
-            return cls(name, state=state, bands=result.bands, dos=result.dos, named=named)
+        dataset = find_dataset(result)
+        if dataset is not None:
+            bands, dos = (getattr(result, one, None) for one in ("bands", "dos"))
+            return cls(name, dataset=dataset, bands=bands, dos=dos, named=named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
         raise InputError(message(f"{brief(result)} shares no figure with others", mend=mend))
 
     @property
     def what(self) -> str:
         """What the run holds, in words."""
-        if self.dataset is not None:
-            return "a sweep"
         if self.fit is not None:
             return "a fit"
         held = [name for name, one in (("bands", self.bands), ("a density of states", self.dos)) if one is not None]
-        return " and ".join(held) or "a single state"
+        if not held and self.dataset is not None:
+            return "a sweep" if self.dataset["valid"].size > 1 else "a single state"
+        return " and ".join(held)
 
     @property
     def load(self) -> str:
         """The load that was given: force, pressure or overlap."""
         if self.dataset is not None:
             return find_load(self.dataset)
-        return "force" if self.state is None else self.state.load
+        return "force"
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -124,10 +97,7 @@ class Run:
             )
         if self.fit is not None:
             return (self.fit.waves.branch,)
-        numbers = {} if self.state is None else self.state.numbers
-        return tuple(
-            name for name, value in numbers.items() if isinstance(value, float | int) and not isinstance(value, bool)
-        )
+        return ()
 
     @property
     def pressure_unit(self) -> str:
@@ -136,7 +106,7 @@ class Run:
             return str(self.dataset["pressure"].attrs.get("units", "")) if "pressure" in self.dataset else ""
         if self.fit is not None:
             return self.fit.packing.structure.units_of({"pressure"})["pressure"]
-        return "" if self.state is None else self.state.units.get("pressure", "")
+        return ""
 
     def find_loads(self, x: str) -> Array:
         """Return the loads ``x`` of all states of the run for a contact force of one newton, where they are in proportion.
@@ -147,8 +117,7 @@ class Run:
             return np.ravel(self.dataset[x] / self.dataset["force"]) if x in self.dataset else np.zeros(0)
         if self.fit is not None:
             return np.atleast_1d(self._convert(np.ones(1), x))
-        numbers = {} if self.state is None else self.state.numbers
-        return np.array([numbers[x] / numbers["force"]]) if x in numbers else np.zeros(0)
+        return np.zeros(0)
 
     def find_curves(self, x: str, y: str) -> Iterable[Curve]:
         """Yield the curves of a quantity ``y`` over the load ``x``, both of which the run holds."""
@@ -161,15 +130,6 @@ class Run:
                 yield read_curve(self.dataset, y, x, index, self.name, self._add_name(facts))
         elif self.fit is not None:
             yield from self._find_fit(self.fit, x)
-        elif self.state is not None:
-            numbers, units = self.state.numbers, self.state.units
-            served = (str(numbers["choice"]),) if "choice" in numbers else ()
-            curve = Curve.of_points(
-                self.name, self._add_name(self.state.facts), numbers[x], numbers[y], numbers.get(f"{y}_error", np.nan),
-                served=served, units=(units.get(x, ""), units.get(y, "")),
-            )  # fmt: skip
-            valid = np.array([bool(numbers.get("valid", True))])
-            yield replace(curve, valid=valid)
 
     def _add_name(self, facts: dict[str, str]) -> dict[str, str]:
         return {"name": self.name} | facts if self.named else facts

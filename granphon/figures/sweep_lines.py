@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 __all__ = [
-    "describe_lines", "drop_directions", "find_load", "is_simulated", "list_combinations", "list_parameters", "read_curve",
-    "read_packing", "read_values", "write_labels",
+    "describe_lines", "drop_directions", "find_load", "is_simulated", "list_combinations",
+    "list_parameters", "read_curve", "read_packing", "read_values", "write_labels",
 ]  # fmt: skip
 
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond

@@ -1,4 +1,4 @@
-"""What a notebook shows of a scene, and of the results of its run."""
+"""What a notebook shows of a scene."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from granphon.balls.packing import describe_packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.quantities import load_quantities
-from granphon.observables.catalogue import Observable
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
-__all__ = ["Summarised", "write_scene"]
+__all__ = ["write_scene"]
 
 
 def write_scene(scene: Scene) -> str:
@@ -37,22 +36,3 @@ def write_scene(scene: Scene) -> str:
     if "dos" in scene.observe:
         rows.append(("mesh", " x ".join(map(str, scene.grid)), ""))
     return write_html("Scene", rows)
-
-
-class Summarised:
-    """A result with a summary, which a notebook shows."""
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers of the result by name, in SI units."""
-        raise NotImplementedError
-
-    def entry(self, name: str) -> Observable | None:
-        """Return the entry of the catalogue for a number of the summary; None if it has none."""
-        raise NotImplementedError
-
-    def _repr_html_(self) -> str:
-        rows = []
-        for name, value in self.summary().items():
-            entry = self.entry(name)
-            rows.append((name, value, "Hz" if name == "top_frequency" else entry.unit if entry else ""))
-        return write_html(type(self).__name__, rows)

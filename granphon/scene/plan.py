@@ -181,11 +181,11 @@ class Plan:
     def grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         scene = self.scene
-        loads = self.load.applied.flat
-        exponents = scene.sweeps_exponents
+        sound = "velocities" in scene.observe
         return Grid(
-            scene.packing, self.axes, scene.media, loads, scene.finite_overlap, scene.direction, scene.waves, exponents
-        )
+            scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap, scene.direction,
+            scene.waves, exponents=sound, sound=sound or not {"bands", "dos"} & set(scene.observe),
+        )  # fmt: skip
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
@@ -372,10 +372,7 @@ class Plan:
         return out
 
     def _estimate_waves(self) -> Cost:
-        """Memory and time of the density of states, the spectral functions and the pulses of simulated arrays.
-
-        In a sweep all samples have each, in a scene of one state the first one has all but the pulse.
-        """
+        """Memory and time of the density of states, the spectral functions and the pulses of all simulated arrays."""
         wanted = self.scene.waves
         if wanted is None:
             return Cost()
@@ -393,7 +390,7 @@ class Plan:
     def _estimate_waves_of(self, medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
         """Estimate the cost of the waves of a simulation at each load."""
         packing, structure = medium.packing, medium.packing.structure
-        samples = medium.samples if self.scene.is_sweep else 1
+        samples = medium.samples
         contacts = len(structure.contacts) / structure.n_balls
         rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
         waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
@@ -429,9 +426,8 @@ class Plan:
         If only the cases at the ends of the axes are looked at, each simulation counts as the most expensive one of those.
         """
         scene = self.scene
-        exponents = scene.sweeps_exponents if scene.is_sweep else "velocities" in scene.observe
         found = [
-            costs.estimate(medium, rung.load, exponents=exponents)
+            costs.estimate(medium, rung.load, exponents="velocities" in scene.observe)
             for one in self.few
             if one.case.medium.simulates or one.case.medium.is_automatic
             for rung in one.rungs

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.staging import ResultFiles
-from granphon.scene.result_files import SWEEP_FIGURES, figure_name, read_summary, wave_files
+from granphon.scene.result_files import SWEEP_FIGURES, draw_sweep, figure_name, read_summary, wave_files
 from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
-from granphon.scene.sweep_figures import draw_sweep
 
 if TYPE_CHECKING:
     from granphon.dynamics.modes import ContactLattice
@@ -57,7 +56,7 @@ def redraw(
     have = find_results(source)
     waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
     stem = None if out is None else Path(out).stem
-    there = {Path(name).stem for name in waves} | (_OF_SWEEPS if "sweep.nc" in have else set())
+    there = {Path(name).stem for name in waves} | {one for one in _OF_SWEEPS if (source / f"{one}.csv").exists()}
     if stem in _NAMED - there:
         raise InputError(message(f"{source} holds no {stem} to draw", mend="Give the figure another name"))
     # the one that the file's name says; without bands and the like, the first
@@ -70,6 +69,8 @@ def redraw(
         raise InputError(
             message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
         )
+    if wave is None and variable is None and not _OF_SWEEPS & {stem} and (spectra := {"band.yaml", "dos.csv"} & set(have)):
+        have = {name: path for name, path in have.items() if name in spectra}  # of a single state they are the figure
     swept, fitted = "sweep.nc" in have, "fit.yaml" in have
     if (swept or fitted) and asymptotes:
         what = f"{source} holds a {'sweep' if swept else 'fit'}"

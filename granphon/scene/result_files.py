@@ -5,7 +5,7 @@ file                   holds
 =====================  =====================================================================================
 scene.yaml             the scene with every default written out, in SI
 summary.yaml           the numbers, under the names of the library's attributes, with units, versions, warnings
-band.yaml              bands, phonopy's format with eigenvectors
+band.yaml              of a single state: bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
 sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
@@ -13,8 +13,8 @@ sample_balls.csv       of a simulation with friction_history at one load: the ne
 sample_contacts.csv    have their normal and tangential forces
 forces.png             force chains of that sample, and the distribution of the forces in all samples
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
-sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
-sweep.png              of a sweep: velocities and exponents over the load, and the velocity of pulses
+sweep.nc, sweep.csv    every state, with velocities, moduli and bands; sweep.csv leaves out the bands
+sweep.png              of several states: velocities and exponents over the load, and the velocity of pulses
 sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads before, and nothing else
 sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
 sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SUMMARY_SCHEMA", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE",
-    "expected_files", "figure_name", "list_files", "read_summary", "tell_undrawn", "wave_figures", "wave_files",
+    "draw_sweep", "expected_files", "figure_name", "list_files", "read_summary", "tell_undrawn", "wave_figures",
+    "wave_files",
 ]  # fmt: skip
 
 #: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
@@ -108,12 +109,24 @@ def tell_undrawn(scene: Scene) -> str:
     return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
 
 
+def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
+    stem = Path(name).stem
+    if variable is None and f"{stem}.png" in SWEEP_FIGURES:
+        from granphon.figures.sweep_waves import sweep_dos_figure, sweep_spectra_figure
+
+        return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
+    from granphon.figures.sweeps import sweep_figure
+
+    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
+
+
 def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run of ``scene`` writes."""
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
+    names += ["sweep.nc", "sweep.csv"]
     drawn = []
     if scene.is_sweep:
-        names += ["sweep.nc", "sweep.csv"]
         if not tell_undrawn(scene):
             drawn.append("sweep.png")
         tables = [table for name, table in SWEEP_TABLES.items() if name in scene.observe]

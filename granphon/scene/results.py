@@ -1,219 +1,170 @@
-"""Results of a scene, of one state or of many: their numbers, warnings, files and figures."""
+"""The results of a scene: a data set of all states, and of a single state its samples, bands and densities of states.
+
+A state is a sweep of one: it has the same data set. Whatever is drawn or written is a view of that, or an export of the one
+state for other programs.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from granphon.array.atoms import write_extxyz
 from granphon.array.pressed_sample import PressedSample
-from granphon.base.errors import MechanismError
+from granphon.base.errors import InputError, message
+from granphon.base.notebook import write_html
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import Rung
+from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all, warn_of_missing_error
-from granphon.observables.validity import Validity
+from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
+from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.scene.notebook import Summarised
-from granphon.scene.result_files import SAMPLE_TABLES, wave_figures
-from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism
-from granphon.waves.settings import POLARISATIONS, WAVES
+from granphon.scene.result_files import SAMPLE_TABLES, SWEEP_FIGURES, draw_sweep
+from granphon.waves.settings import POLARISATIONS
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
     from granphon.scene.sample_waves import SampleWaves
+    from granphon.scene.scene import Scene
 
-__all__ = ["RunResult", "SweepResult"]
+__all__ = ["RunResult"]
 
-#: variables of a sweep whose least and greatest values the summary lists
+#: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
     "time_of_flight", "coherent_fraction", *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
+#: what the summary of one state says of the waves in its samples, where it is known
+_OF_WAVES = [name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum") and not one.dims]
 
 
-@dataclass(frozen=True)
-class RunResult(Summarised):
-    """Results of a scene of one state; those that the scene did not ask for are None.
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """Results of a scene.
 
     Attributes
     ----------
+    scene : what was computed.
     folder, files : folder of the results, and the paths of the files written there.
-    state : the state of the contacts.
-    medium, load : label of the medium, and kind of the load: "force" (also for a side force), "pressure" or "overlap".
-    validity : the conditions under which the model holds.
-    velocities, moduli : sound velocities, m/s, and elastic constants, Pa.
-    phonons : the source of ``bands`` and ``dos``.
-    bands, dos : frequencies along the path, Hz, and their density of states, 1/Hz.
-    local_field : local field of the effective medium; None in any other medium, and for equal balls.
-    rung : the medium that an automatic medium has chosen, and its expected error; None if the scene names its medium.
-    waves : what was asked for of the waves in the samples of a simulation; None if nothing was.
+    dataset : every state, with velocities, moduli and bands, as :func:`granphon.sweeps.sweep.sweep` returns it.
+    phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states.
+    bands, dos : of a single state, frequencies along the path, Hz, and their density of states, 1/Hz.
+    waves : what was asked for of the waves in the samples of a single state.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
+    scene: Scene
     folder: Path
-    state: ContactState
-    medium: str
-    load: str
-    local_field: LocalField | None
-    validity: Validity
-    velocities: SoundVelocities | None
-    moduli: Moduli | None
-    phonons: Phonons | None
-    bands: Bands | None
-    dos: DensityOfStates | None
-    files: tuple[Path, ...]
-    rung: Rung | None = None
+    dataset: Dataset
+    found: ContactState | None = None
+    phonons: Phonons | None = None
+    bands: Bands | None = None
+    dos: DensityOfStates | None = None
     waves: SampleWaves | None = None
+    files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
+
+    # -- a single state -------------------------------------------------------------------------------------------------
+
+    @property
+    def is_one_state(self) -> bool:
+        """Whether there is one state."""
+        return self.dataset["valid"].size == 1
+
+    @cached_property
+    def state(self) -> ContactState:
+        """The only state; :class:`~granphon.base.errors.InputError` if there are several."""
+        if not self.is_one_state:
+            raise InputError(message(f"the result has {self.dataset['valid'].size} states", mend="Take its dataset"))
+        return self.scene.state() if self.found is None else self.found
+
+    @cached_property
+    def validity(self) -> Validity:
+        """The conditions under which the model holds, of the only state."""
+        return validity(self.state)
+
+    @cached_property
+    def _analysis(self) -> Analysis:
+        return Analysis(self.state, self.scene.direction)
+
+    @property
+    def velocities(self) -> SoundVelocities | None:
+        """Sound velocities of the only state, m/s; None if they were not asked for."""
+        return self._analysis.velocities if "velocities" in self.scene.observe else None
+
+    @property
+    def moduli(self) -> Moduli | None:
+        """Elastic constants of the only state, Pa; None if velocities were not asked for, or it has none."""
+        return self._analysis.moduli if "velocities" in self.scene.observe else None
+
+    @property
+    def rung(self) -> Rung | None:
+        """The medium that an automatic medium has chosen for the only state, and its error; None of another medium."""
+        return self.scene.rung if self.scene.media[0].is_automatic else None
+
+    @property
+    def local_field(self) -> LocalField | None:
+        """Local field of the effective medium; None of another medium, and for equal balls."""
+        medium = self.scene.rung.medium.of(self.scene.packing)
+        return medium.local_field if isinstance(medium, EffectiveMedium) and self.scene.packing.width else None
+
+    # -- numbers --------------------------------------------------------------------------------------------------------
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit of validity exceeded, each number unknown or left out, and each figure that failed."""
-        spectra = self.phonons is not None and bool(self.state.samples)
-        left_out = (LATTICE_BANDS,) if spectra else ()
-        if self.velocities is None and self.mechanism is not None:
-            left_out = (describe_mechanism(self.mechanism), *left_out)
-        found = [text for one in (self.velocities, self.bands, self.dos) if one is not None for text in one.warnings]
-        found += self.waves.warnings if self.waves is not None else ()
-        own = tuple(dict.fromkeys((*self.validity.warnings, *found)))
-        return own + warn_of_missing_error(self._exponents) + left_out + self.failures
-
-    @property
-    def finite_overlap(self) -> bool:
-        """Whether the numbers have the terms of relative order delta/d."""
-        return bool(self.state.finite_overlap)
-
-    @cached_property
-    def mechanism(self) -> MechanismError | None:
-        """The error that the velocities of a mechanism raise; None if the lattice is rigid."""
-        try:
-            self.state.loaded_lattice.without_overlap.require_rigid()
-        except MechanismError as error:
-            return error
-        return None
-
-    def entry(self, name: str) -> Observable | None:
-        """Return the entry of the catalogue for a number of the summary; None if it has none."""
-        return entry_of(name, self.state.packing) if name in CATALOGUE else None
-
-    @cached_property
-    def _analysis(self) -> Analysis:
-        return Analysis(self.state, None, self.velocities, self.moduli)
-
-    @cached_property
-    def _exponents(self) -> dict[str, Any]:
-        """The local exponent, by name; empty for a simulation without velocities, as it needs two more equilibria there."""
-        asked = self.velocities is not None or not self.state.samples
-        return find_all(self._analysis, ("exponent",)) if asked else {}
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as plain data in SI units, under the names of the library's attributes."""
-        out: dict[str, Any] = {"medium": self.medium}
-        if self.rung is not None:
-            out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
-            out["truth"] = str(self.rung.truth)
-        out |= find_all(self._analysis, ("state",)) | self._exponents | find_all(self._analysis, ("packing",))
-        if self.local_field is not None:
-            out["local_field"] = {name: getattr(self.local_field, name) for name in ("alpha", "beta", "xi")}
-        if self.velocities is not None:
-            out |= find_all(self._analysis, ("velocities",))
-        if self.bands is not None:
-            out["top_frequency"] = float(self.bands.frequencies.max())
-        if self.waves is not None:
-            out |= self.waves.summary()
-        return out
-
-    @property
-    def packages(self) -> tuple[str, ...]:
-        """Names of the packages that the computation used, besides numpy and scipy."""
-        return ("ase", "phonopy", "spglib") if self.phonons is not None else ("ase",) * bool(self.state.samples)
-
-    def write(self, place: Path, step: Step) -> None:
-        """Write the files of the bands, the density of states and the sample into the existing folder ``place``."""
-        if self.state.samples:
-            sample = self.state.samples[0]
-            write_extxyz(place / "sample.extxyz", sample.atoms())
-            step.advance()
-            if isinstance(sample, PressedSample):
-                sample.network.write_tables(*(place / name for name in SAMPLE_TABLES))
-                step.advance(len(SAMPLE_TABLES))
-        if self.bands is not None and self.phonons is not None:
-            self.bands.write(place / "band.yaml")
-            self.phonons.save(place / "phonopy_params.yaml")
-            step.advance(2)
-        if self.dos is not None:
-            self.dos.write_csv(place / "dos.csv")
-            step.advance()
-        if self.waves is not None:
-            self.waves.write(place, step)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Names of files and figures that have nothing to hold, as no pulse could be sent."""
-        if self.waves is None or "pulse.json" in self.waves.files:
-            return ()
-        return ("pulse.json", "pulse.csv", "pulse.png")
-
-    def figure(self, name: str) -> Any:
-        """Draw the matplotlib figure of the file ``name``."""
-        if name == "forces.png":
-            from granphon.figures.forces import forces_figure
-
-            return forces_figure(self.state)
-        if self.waves is not None and name in wave_figures(WAVES):
-            return self.waves.figure(name)
-        from granphon.figures.bands import bands_figure
-
-        return bands_figure(bands=self.bands, dos=self.dos)
-
-
-@dataclass(frozen=True)
-class SweepResult(Summarised):
-    """Results of a scene of many states.
-
-    Attributes
-    ----------
-    folder, files : folder of the results, and the paths of the files written there.
-    dataset : the data set that :func:`granphon.sweeps.sweep.sweep` returns.
-    failures : one sentence for each figure that could not be drawn, with the reason.
-    """
-
-    #: names of the packages that the computation used, besides numpy and scipy
-    packages: ClassVar[tuple[str, ...]] = ("xarray", "h5netcdf")
-    #: names of files that have nothing to hold
-    left_out: ClassVar[tuple[str, ...]] = ()
-
-    folder: Path
-    dataset: Dataset
-    files: tuple[Path, ...]
-    failures: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition of validity that fails, with medium and parameters, and for each failed figure."""
-        return (*json.loads(self.dataset.attrs["warnings"]), *self.failures)
+        found = [text for one in (self.bands, self.dos) if one is not None for text in one.warnings]
+        return tuple(dict.fromkeys((*json.loads(self.dataset.attrs["warnings"]), *found, *self.failures)))
 
     @property
     def finite_overlap(self) -> bool | list[bool]:
         """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
-        from granphon.sweeps.dataset import list_finite_overlap  # here: a scene of one state does not need it
+        from granphon.sweeps.dataset import list_finite_overlap
 
+        if self.is_one_state:
+            return bool(self.state.finite_overlap)
         found = list_finite_overlap(self.dataset)
         return found if len(set(found)) > 1 else found[0]
 
-    def summary(self) -> dict[str, Any]:
-        """Return the sizes of the dimensions, and the least and the greatest force, overlap and velocities in SI units.
+    def entry(self, name: str) -> Observable | None:
+        """Return the entry of the catalogue for a number of the summary; None if it has none."""
+        return entry_of(name, self.scene.packing) if name in CATALOGUE else None
 
-        The direction of sound, if it was given or velocities depend on it, the number of states, the media, and whether all
-        states are valid are added.
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as plain data in SI units, under the names of the library's attributes.
+
+        Of several states these are the sizes of the dimensions, the number of states, the media, and the least and the
+        greatest force, overlap and velocities; with the direction of sound, if it was given or velocities depend on it.
         """
+        return self._summarise_state() if self.is_one_state else self._summarise_states()
+
+    def _summarise_state(self) -> dict[str, Any]:
+        out: dict[str, Any] = {"medium": self.scene.media[0].label}
+        if (rung := self.rung) is not None:
+            out |= {"choice": rung.medium.label, "expected_error": float(rung.errors[0]), "truth": str(rung.truth)}
+        of = self._analysis
+        out |= find_all(of, ("state",)) | (find_all(of, ("exponent",)) if "exponent" in self.dataset else {})
+        out |= find_all(of, ("packing",))
+        if (field := self.local_field) is not None:
+            out["local_field"] = {name: getattr(field, name) for name in ("alpha", "beta", "xi")}
+        out |= find_all(of, ("velocities",)) if "velocities" in self.scene.observe else {}
+        if self.bands is not None:
+            out["top_frequency"] = float(self.bands.frequencies.max())
+        if self.waves is not None and self.waves.pulse is not None:
+            out["pulse_distance"] = self.waves.pulse.distance
+        known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
+        return out | {name: value for name, value in known.items() if np.isfinite(value)}
+
+    def _summarise_states(self) -> dict[str, Any]:
         data = self.dataset
         along = ("direction",) * ("direction" in data.dims)
         sizes = {str(name): data.sizes[name] for name in (*data["valid"].dims, *along)}
@@ -227,20 +178,63 @@ class SweepResult(Summarised):
                 out[name] = [float(data[name].min()), float(data[name].max())]
         return out | {"valid": bool(data["valid"].all())}
 
-    def entry(self, name: str) -> Observable | None:
-        """Return the entry of the catalogue for a number of the summary; None if it has none."""
-        units = self.dataset[name].attrs if name in self.dataset else {}
-        return replace(CATALOGUE[name], unit=units.get("units", CATALOGUE[name].unit)) if name in CATALOGUE else None
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, value in self.summary().items():
+            entry = self.entry(name)
+            rows.append((name, value, entry.unit if entry else ""))
+        return write_html(type(self).__name__, rows)
+
+    # -- files ----------------------------------------------------------------------------------------------------------
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Names of the packages that the computation used, besides numpy and scipy."""
+        used = ("ase", "phonopy", "spglib") if self.phonons is not None else ("ase",) * (self.waves is not None)
+        return ("xarray", "h5netcdf", *used)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of files and figures that have nothing to hold, as no pulse could be sent."""
+        if self.waves is None or "pulse" not in self.scene.observe or self.waves.pulse is not None:
+            return ()
+        return ("pulse.json", "pulse.csv", "pulse.png")
 
     def write(self, place: Path, step: Step) -> None:
-        """Write the data set and its table into the existing folder ``place``."""
+        """Write the data set, its tables, and the exports of a single state into the existing folder ``place``."""
         from granphon.sweeps.archive import write_sweep, write_waves
 
         write_sweep(self.dataset, place / "sweep.nc")
-        step.advance(2 + len(write_waves(self.dataset, place)))
+        step.advance(2)
+        if not self.is_one_state:
+            step.advance(len(write_waves(self.dataset, place)))
+        if self.waves is not None:
+            (sample, *_) = self.state.samples
+            write_extxyz(place / "sample.extxyz", sample.atoms())
+            step.advance()
+            if isinstance(sample, PressedSample):
+                sample.network.write_tables(*(place / name for name in SAMPLE_TABLES))
+                step.advance(len(SAMPLE_TABLES))
+            self.waves.write(place, step)
+        if self.bands is not None and self.phonons is not None:
+            self.bands.write(place / "band.yaml")
+            self.phonons.save(place / "phonopy_params.yaml")
+            step.advance(2)
+        if self.dos is not None:
+            self.dos.write_csv(place / "dos.csv")
+            step.advance()
 
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
-        from granphon.scene.sweep_figures import draw_sweep
+        if name in ("sweep.png", *SWEEP_FIGURES):
+            return draw_sweep(self.dataset, name)
+        if name == "forces.png":
+            from granphon.figures.forces import forces_figure
 
-        return draw_sweep(self.dataset, name)
+            return forces_figure(self.state)
+        if name in ("bands.png", "dos.png"):
+            from granphon.figures.bands import bands_figure
+
+            return bands_figure(bands=self.bands, dos=self.dos)
+        assert self.waves is not None
+        return self.waves.figure(name)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,30 +16,24 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, read_yaml, versions
-from granphon.media.mean_field import EffectiveMedium
-from granphon.media.state import ContactState
-from granphon.observables.catalogue import Analysis
-from granphon.observables.validity import validity
-from granphon.observables.velocities import moduli
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
     DIAMETERS_FILE,
     RESULT_FILES,
     SUMMARY_SCHEMA,
-    WAVE_FILES,
     WORK_FILE,
     expected_files,
     list_files,
 )
-from granphon.scene.results import RunResult, SweepResult
-from granphon.sweeps.samples import solve_state
-from granphon.sweeps.store import Store, open_store
+from granphon.scene.results import RunResult
+from granphon.sweeps.store import open_store
+from granphon.sweeps.sweep import SweepRun
+from granphon.sweeps.unfinished import keep_incomplete
 from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
     from granphon.scene.scene import Scene
 
 __all__ = ["is_complete", "run"]
@@ -53,7 +48,7 @@ def run(
     figures: bool = True,
     resume: bool = False,
     executor: Executor | None = None,
-) -> RunResult | SweepResult:
+) -> RunResult:
     """Compute what ``scene`` observes, and only that, and write it into ``folder``.
 
     Parameters
@@ -65,13 +60,9 @@ def run(
         another sweep. A file that granphon did not write, that was changed since, or that the scene reads is never replaced.
     progress : is told how far the work has come.
     figures : draw bands.png (dos.png, sweep.png, forces.png) too; a figure that cannot be drawn is a warning of the result.
-    resume : if the sweep is complete (see :func:`is_complete`), read it, and compute and write nothing. A sweep that was
+    resume : if the result is complete (see :func:`is_complete`), read it, and compute and write nothing. A run that was
         cut off continues from its finished part with or without this.
-    executor : does tasks side by side: those of a sweep, or the samples of one state; the numbers do not depend on it.
-
-    Returns
-    -------
-    :class:`SweepResult` if the scene is a sweep, else :class:`RunResult`.
+    executor : does tasks side by side; the numbers do not depend on it.
 
     Raises
     ------
@@ -84,32 +75,32 @@ def run(
     target, (names, drawn) = Path(folder), list_files(scene)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
-    if resume and not force and scene.is_sweep and is_complete(scene, target):
+    if resume and not force and is_complete(scene, target):
         from granphon.sweeps.archive import load_sweep
 
         there = tuple(target / name for name in every if (target / name).exists())
-        return SweepResult(target, load_sweep(target / "sweep.nc"), there)
-    if not scene.is_sweep:
-        scene.plan.require_waves()
+        return RunResult(scene, target, load_sweep(target / "sweep.nc"), files=there)
+    scene.plan.require_waves()
     text = scene.to_yaml()
-    result: RunResult | SweepResult
     with (
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
         open_store(target / WORK_FILE, force) as store,
     ):
-        if scene.is_sweep:
+        buckling = scene.plan.origin.where_it_buckles() if scene.plan.grid.is_one_state else nullcontext()
+        with scene.plan.place_errors(), buckling:
+            work = SweepRun.of(scene.plan.grid, **scene.bands)
+            if not scene.has_tasks:
+                store.claim(None)
             try:
-                result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+                dataset = work.solve(executor, progress, store) if scene.has_tasks else work.solve()
             except GranphonError as error:
                 if error.reached is None:
                     raise
-                from granphon.sweeps.unfinished import keep_incomplete  # imported here: it needs what only a sweep needs
-
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
-        else:
-            state = _find_state(scene, progress, executor, store)
+        result = RunResult(scene, target, dataset)
+        if result.is_one_state:
             with scene.plan.origin.where_it_buckles():
-                result = _observe(scene, state, target, progress)
+                result = _export(result, work, progress)
         used = versions("numpy", "scipy", *result.packages)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
@@ -126,7 +117,7 @@ def run(
                 step.advance(len(drawn))
             files = tuple(target / name for name in every if name not in failures)
             result = replace(result, files=files, failures=tuple(failures.values()))
-            _write(place / "summary.yaml", _write_summary(result, scene, used))
+            _write(place / "summary.yaml", _write_summary(result, used))
     return result
 
 
@@ -145,51 +136,22 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     return is_whole(target, expected_files(scene, figures=False))
 
 
-def _find_state(scene: Scene, progress: Progress, executor: Executor | None, store: Store) -> ContactState:
-    """Find the state of a scene that has one; the samples of a simulation are tasks, whose results the store keeps."""
-    if not scene.has_tasks:
-        store.claim(None)
-        return scene.state()
-    with scene.plan.place_errors():
-        return solve_state(scene.rung, "velocities" in scene.observe, executor, progress, store)
-
-
-def _observe(scene: Scene, state: ContactState, target: Path, progress: Progress) -> RunResult:
-    """Compute what a scene observes of its one state; none of the files is written yet."""
-    report = validity(state)
-    velocities, constants = None, None
-    if "velocities" in scene.observe:
-        constants = moduli(state) if "longitudinal" in state.wave_names else None
-        velocities = Analysis(state, scene.direction).velocities
-    phonons, bands, dos = _compute_spectra(scene, state, progress)
+def _export(result: RunResult, work: SweepRun, progress: Progress) -> RunResult:
+    """Add to the result what only a single state has: its samples, bands and densities of states for other programs."""
+    scene, state = result.scene, work.state
     waves = None
-    if state.samples and WAVE_FILES.keys() & set(scene.observe):
-        from granphon.scene.sample_waves import find_sample_waves
+    if state is not None:
+        from granphon.scene.sample_waves import SampleWaves
 
-        waves = find_sample_waves(scene, state, progress)
-    rung = scene.rung
-    medium = rung.medium.of(scene.packing)
-    field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
-    load = scene.load.applied.kind
-    automatic = rung if scene.media[0].is_automatic else None
-    label = scene.media[0].label
-    return RunResult(
-        folder=target, state=state, medium=label, load=load, local_field=field, validity=report, velocities=velocities,
-        moduli=constants, phonons=phonons, bands=bands, dos=dos, files=(), rung=automatic,
-        waves=waves,
-    )  # fmt: skip
-
-
-def _compute_spectra(
-    scene: Scene, state: ContactState, progress: Progress
-) -> tuple[Phonons | None, Bands | None, DensityOfStates | None]:
+        waves = SampleWaves.of(scene, state, work.records)
+    result = replace(result, found=state, waves=waves)
     if not {"bands", "dos"} & set(scene.observe):
-        return None, None, None
+        return result
     from granphon.phonons.phonons import Phonons
 
     bands = dos = None
     with progress.step("force constants"):
-        phonons = Phonons(state, dim=scene.dim)
+        phonons = Phonons(result.state, dim=scene.dim)
         _ = phonons.phonopy
     if "bands" in scene.observe:
         with progress.step("bands"):
@@ -197,13 +159,13 @@ def _compute_spectra(
     if "dos" in scene.observe:
         with progress.step("density of states"):
             dos = phonons.dos(mesh=scene.grid)
-    return phonons, bands, dos
+    return replace(result, phonons=phonons, bands=bands, dos=dos)
 
 
-def _write_summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, str]) -> str:
-    numbers = result.summary()
+def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
+    scene, numbers = result.scene, result.summary()
     limits: dict[str, Any] = {}
-    if isinstance(result, RunResult):
+    if result.is_one_state:
         checks = [
             {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
             for c in result.validity.checks

@@ -7,60 +7,58 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.progress import Progress, Step
+from granphon.base.errors import InputError, message
+from granphon.base.progress import Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
 from granphon.media.state import ContactState
+from granphon.sweeps.records import SampleRecord
+from granphon.sweeps.wave_records import read_whole
 from granphon.waves.dos import SpectralDensity
-from granphon.waves.path_spectra import PathSpectra, find_path_spectra
+from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse, average_pulses
-from granphon.waves.sending import Sending, transmit
-from granphon.waves.settings import PulseSettings
-from granphon.waves.waves import Waves
+from granphon.waves.spectral_functions import SpectralFunction
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
-__all__ = ["SampleWaves", "draw_waves", "find_sample_waves"]
+__all__ = ["SampleWaves", "draw_waves", "read_waves"]
 
 
 @dataclass(frozen=True)
 class SampleWaves:
     """Waves in the samples; what the scene did not ask for is None.
 
-    ``dos`` and ``spectra`` are those of the first sample, ``pulse`` of all samples through which one could be sent, and
-    ``notes`` say where none could.
+    ``dos`` and ``spectra`` are those of the first sample, and ``pulse`` of all samples through which one could be sent.
     """
 
     dos: SpectralDensity | None = None
     spectra: PathSpectra | None = None
     pulse: Pulse | None = None
-    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, scene: Scene, state: ContactState, records: Sequence[SampleRecord]) -> Self:
+        """Take the waves from what was found of the samples of a state."""
+        kept = [one.of_waves for one in records]
+        sent = [one for record in kept if (one := read_whole(record, "pulse", Pulse)) is not None]
+        found = [read_whole(kept[0], name, SpectralFunction) for name in scene.spectrum.polarisation]
+        spectra, path = [one for one in found if one is not None], None
+        if spectra:
+            ends, way = (kept[0][name] for name in ("path_corners", "path_distance"))
+            path = PathSpectra.of(
+                spectra, ends, way, state.contact_lattice(), state.scales, scene.path.arrays, scene.path.names
+            )
+        dos = read_whole(kept[0], "dos", SpectralDensity)
+        return cls(dos, path, average_pulses(sent) if sent else None)
 
     @cached_property
     def _results(self) -> dict[str, Any]:
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
         return {name: one for name, one in found.items() if one is not None}
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What is to be known of the results, and what of them is not known, and why."""
-        return (() if self.pulse is None else self.pulse.warnings) + self.notes
-
-    def summary(self) -> dict[str, Any]:
-        """Return numbers of the results, by name, in SI units; those that are not known are left out."""
-        sent = self.pulse
-        if sent is None:
-            return {}
-        out = {"pulse_distance": sent.distance, "coherent_fraction": sent.coherent_fraction}
-        if not sent.why_unknown:
-            out |= {"time_of_flight": sent.time_of_flight, "pulse_velocity": sent.velocity}
-        return out
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -123,42 +121,3 @@ def draw_waves(name: str, result: Any) -> Any:
     from granphon.figures.spectra import sample_dos_figure, spectrum_figure
 
     return spectrum_figure(result) if name == "spectrum.png" else sample_dos_figure(result)
-
-
-def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> SampleWaves | None:
-    """Find what the scene observes of the waves in the samples of the state; None if that is nothing."""
-    wanted = {"dos", "spectrum", "pulse"} & set(scene.observe)
-    if not (wanted and state.samples):
-        return None
-    waves = Waves(state.samples[0])
-    dos, spectra, pulse, notes = None, None, None, tuple[str, ...]()
-    if "dos" in wanted:
-        with progress.step("density of states of the sample"):
-            dos = waves.dos()
-    if "spectrum" in wanted:
-        with progress.step("spectrum"):
-            settings, path = scene.spectrum, scene.path
-            spectra = find_path_spectra(
-                waves, state.contact_lattice(), state.scales, path.arrays, path.names,
-                points=settings.points, polarisations=settings.polarisation, resolution=settings.resolution,
-            )  # fmt: skip
-    if "pulse" in wanted and scene.pulse is not None:
-        with progress.step("pulse"):
-            pulse, notes = _send(state.samples, scene.pulse, scene.directions[0] if scene.directions else None)
-    return SampleWaves(dos, spectra, pulse, notes)
-
-
-def _send(samples: Sequence[Any], settings: PulseSettings, along: Any) -> tuple[Pulse | None, tuple[str, ...]]:
-    """Send a pulse through each sample; None if it can be sent through none, and notes on those through which it cannot.
-
-    What can be known before a simulation is refused before it: here are forces of contacts that no one knew.
-    """
-    sent, failures = list[Pulse](), list[str]()
-    for one in samples:
-        try:
-            sent.append(transmit(one.network, Sending.of(settings, one.network, along)))
-        except GranphonError as error:
-            failures.append(str(error))
-    where = f"{len(failures)} of {len(samples)} samples" if len(samples) > 1 else "the array"
-    notes = (f"no pulse could be sent through {where}: {failures[0]}",) if failures else ()
-    return (average_pulses(sent) if sent else None), notes

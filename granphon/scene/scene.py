@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from granphon.media.cost import Cost
-    from granphon.scene.results import RunResult, SweepResult
+    from granphon.scene.results import RunResult
 
 __all__ = ["BandPath", "Load", "Scene", "force_of_frame"]
 
@@ -167,11 +167,6 @@ class Scene:
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
 
     @property
-    def sweeps_exponents(self) -> bool:
-        """Whether a sweep has exponents: it does, unless it observes waves in arrays and no velocities."""
-        return "velocities" in self.observe or self.waves is None
-
-    @property
     def waves_need_arrays(self) -> bool:
         """Whether the scene observes waves that only simulated arrays have."""
         return bool({"spectrum", "pulse"} & set(self.observe))
@@ -264,10 +259,15 @@ class Scene:
         from granphon.sweeps.sweep import sweep_grid
 
         self.plan.require_waves()
-        if "bands" in self.observe:
-            options |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
         with self.plan.place_errors():
-            return sweep_grid(self.plan.grid, progress=progress, executor=executor, **options)
+            return sweep_grid(self.plan.grid, progress=progress, executor=executor, **options | self.bands)
+
+    @property
+    def bands(self) -> dict[str, Any]:
+        """The path of the bands, as keywords of :func:`granphon.sweeps.sweep.sweep`; empty if they are not observed."""
+        if "bands" not in self.observe:
+            return {}
+        return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
 
     def _repr_html_(self) -> str:
         return write_scene(self)
@@ -336,7 +336,7 @@ class Scene:
         figures: bool = True,
         resume: bool = False,
         executor: Executor | None = None,
-    ) -> RunResult | SweepResult:
+    ) -> RunResult:
         """Compute what the scene asks for and write it into ``folder``."""
         from granphon.scene.run import run
 

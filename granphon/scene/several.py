@@ -12,10 +12,9 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.reading import read_bytes
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_yaml
-from granphon.scene.result_files import read_summary
 
 if TYPE_CHECKING:
-    from granphon.figures.runs import Run, SingleState
+    from granphon.figures.runs import Run
     from granphon.fits.fit import WidthFit
 
 __all__ = ["DRAWN", "draw_together", "find_results", "read_fit", "read_run", "read_unchanged", "require_format"]
@@ -137,19 +136,16 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     from granphon.figures.runs import Run
 
     path, name = Path(source), str(source)
-    if path.is_file():
-        have = {_name_kind(path): path}
-        scene = path.parent if path.name == _SUMMARY else None
-    else:
-        have = find_results(path)
-        scene = path if (path / _SUMMARY).is_file() and (path / _SCENE).is_file() else None
+    if path.name == _SUMMARY and path.is_file():
+        path = path.with_name("sweep.nc")  # whose numbers it tells
+    have = {_name_kind(path): path} if path.is_file() else find_results(path)
+    if "fit.yaml" in have:
+        return Run(name, fit=read_fit(have["fit.yaml"]))
+    dataset = bands = dos = None
     if "sweep.nc" in have:
         from granphon.sweeps.archive import load_sweep
 
-        return Run(name, dataset=load_sweep(have["sweep.nc"]))
-    if "fit.yaml" in have:
-        return Run(name, fit=read_fit(have["fit.yaml"]))
-    bands = dos = None
+        dataset = load_sweep(have["sweep.nc"])
     if "band.yaml" in have:
         from granphon.phonons.bands import Bands
 
@@ -158,16 +154,15 @@ def read_run(source: str | os.PathLike[str]) -> Run:
         from granphon.phonons.dos import DensityOfStates
 
         dos = DensityOfStates.read_csv(have["dos.csv"])
-    state = None if scene is None else _read_state(scene)
-    if bands is None and dos is None and state is None:
+    if bands is None and dos is None and dataset is None:
         what = f"{name} holds no results to draw with others"
         raise InputError(message(what, mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc"))
-    return Run(name, state=state, bands=bands, dos=dos)
+    return Run(name, dataset=dataset, bands=bands, dos=dos)
 
 
 def _name_kind(path: Path) -> str:
     """Return the name under which a file of results is known, by its ending where it was renamed."""
-    if path.name in (*DRAWN, _SUMMARY):
+    if path.name in DRAWN:
         return path.name
     known = {".nc": "sweep.nc"}
     if path.suffix == ".csv" and read_bytes(path).startswith(b"frequency_Hz"):
@@ -178,7 +173,7 @@ def _name_kind(path: Path) -> str:
             {".yaml": "fit.yaml"} if b"class: WidthFit" in raw else {".yaml": "band.yaml"} if b"\nphonon:" in raw else {}
         )
     if path.suffix not in known:
-        mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, summary.yaml, band.yaml or dos.csv of one"
+        mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
         raise InputError(message(f"{path} is no folder, and no file of results that is drawn", mend=mend))
     return known[path.suffix]
 
@@ -188,19 +183,6 @@ def read_fit(path: Path) -> WidthFit:
     from granphon.fits.fit import WidthFit
 
     return WidthFit.from_dict(read_yaml(path))
-
-
-def _read_state(folder: Path) -> SingleState | None:
-    """Read the numbers of a state from the summary of its run, and what it is of from the scene."""
-    from granphon.figures.runs import SingleState
-    from granphon.scene.scene import Scene
-
-    numbers, scene = read_summary(folder), Scene.from_yaml(folder / _SCENE)
-    if scene.is_sweep:
-        return None
-    units = {str(name): str(unit) for name, unit in (numbers.get("units") or {}).items()}
-    kind = scene.load.applied.kind
-    return SingleState(numbers, units, scene.packing, scene.media[0].label, kind, scene.finite_overlap)
 
 
 def _find_balls_per_side(sources: Sequence[str | os.PathLike[str]]) -> int | None:

@@ -143,7 +143,9 @@ def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Task
     labels = [case.label for case in grid.cases]
     told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
-    warnings = label_warnings([*told, *((label, text) for label, text in zip(labels, missing, strict=True) if text)])
+    told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
+    # a single state needs no name
+    warnings = list(dict.fromkeys(text for _, text in told)) if grid.is_one_state else label_warnings(told)
     if any(medium.is_automatic for medium in grid.media):
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every case has

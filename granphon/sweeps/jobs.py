@@ -1,7 +1,8 @@
-"""The tasks of a sweep: one medium on one packing at all loads that it serves, or one sample of a simulation, load by load.
+"""The tasks of a run: one medium on one packing at all loads that it serves, or one sample of a simulation, load by load.
 
-Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Of each sample only the few numbers that are averaged are kept.
-Their averages equal those of one simulation of all samples, to the last bit.
+Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Of each sample only the few numbers that are averaged are kept, and
+of a single state its balls too, for files and figures of them. The averages equal those of one simulation of all samples, to
+the last bit.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from granphon.media.choice import MediumChoice, Rung
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
 from granphon.media.medium import Medium
-from granphon.media.simulation import DirectSimulation
+from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Tally, validity
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
+from granphon.sweeps.samples import keep_balls, restore_sample
 from granphon.sweeps.store import TaskResult
 from granphon.sweeps.unfinished import end_early, find_reached, mark_as, spread, strip
 from granphon.sweeps.workers import packages
@@ -55,14 +57,36 @@ def to_json(data: Any) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
-    """The work on one case: a job for each medium that serves its loads. The rest is that of :class:`Job`."""
+class Asked:
+    """What is asked of each state.
 
-    case: Case
-    qpoints: Array | None
+    Attributes
+    ----------
+    finite_overlap : whether terms of relative order delta/d are asked for.
+    qpoints : (s, p, 3), the path of the bands; None without bands.
+    direction : that of sound, one or many; None for x.
+    waves : what is asked of the waves in each sample; None for nothing.
+    exponents : whether the exponent is.
+    sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
+    alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
+        not say which state they are about.
+    """
+
+    finite_overlap: bool = False
+    qpoints: Array | None = None
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     exponents: bool = True
+    sound: bool = True
+    alone: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """The work on one case: a job for each medium that serves its loads, with what is asked of each state."""
+
+    case: Case
+    asked: Asked = Asked()
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -76,8 +100,10 @@ class Work:
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
-        asked = (case.finite_overlap, self.qpoints, self.direction, self.waves, self.exponents)
-        return [Job(where, rung, *asked) for where, rung in zip(wheres, rungs, strict=True)]
+        # lattices have no waves of their own here, and their exponents cost nothing
+        ideal = replace(self.asked, waves=None, exponents=True)
+        asked = [self.asked if rung.medium.simulates else ideal for rung in rungs]
+        return [Job(*job) for job in zip(wheres, rungs, asked, strict=True)]
 
     @cached_property
     def pieces(self) -> list[Job]:
@@ -105,6 +131,17 @@ class Work:
                 out[name] = np.concatenate(rows)[order]
         return out | marks
 
+    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState | None:
+        """Return the only state, with the samples whose balls the :attr:`pieces` kept; None of a medium without samples."""
+        (rung,), pieces = self.case.rungs, self.pieces
+        medium = rung.medium.of(rung.packing)
+        if not isinstance(medium, DirectSimulation):
+            return None
+        alone: list[Any] = [piece.medium for piece in pieces]
+        samples = [restore_sample(one, part) for one, part in zip(alone, parts, strict=True)]
+        state = SimulatedState.of(medium, samples, rung.load.applied[0])
+        return replace(state, chosen=True) if rung.chosen else state
+
     def choices(self) -> TaskResult:
         """Return the medium that serves each load, and its expected error, +inf where that is not known."""
         load = self.case.load
@@ -116,20 +153,11 @@ class Work:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One medium on one packing at all loads that it serves.
-
-    ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``direction``
-    is that of sound, one or many; None for x. ``waves`` says what is asked of the waves in each sample; None for nothing.
-    Without ``exponents`` those are left out.
-    """
+    """One medium on one packing at all loads that it serves; ``where`` names the job in messages."""
 
     where: str
     rung: Rung
-    finite_overlap: bool
-    qpoints: Array | None
-    direction: tuple[Any, ...] | None = None
-    waves: WaveSettings | None = None
-    exponents: bool = True
+    asked: Asked
 
     @property
     def load(self) -> Load:
@@ -141,11 +169,9 @@ class Job:
         """Name of the result: the medium, and a digest of everything that determines the numbers."""
         rung = self.rung
         data = {
-            "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
-            "qpoints": self.qpoints, "direction": self.direction, "schema": SWEEP_SCHEMA, "versions": packages(),
+            "packing": rung.packing, "medium": rung.medium, "load": rung.load, "asked": vars(self.asked),
+            "chosen": rung.chosen, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
-        data |= {"chosen": True} if rung.chosen else {}  # such a state is valid wherever it was chosen
-        data |= {} if self.waves is None else {"waves": self.waves, "exponents": self.exponents}
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
@@ -162,7 +188,7 @@ class Job:
         medium = self.medium if self.rung.medium.simulates else None
         if not isinstance(medium, DirectSimulation):
             return 0.0
-        return estimate(medium, self.load, exponents=self.exponents).memory
+        return estimate(medium, self.load, exponents=self.asked.exponents).memory
 
     @property
     def medium(self) -> Medium:
@@ -171,7 +197,7 @@ class Job:
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the job."""
-        return self.rung.at(load, finite_overlap=self.finite_overlap or None)
+        return self.rung.at(load, finite_overlap=self.asked.finite_overlap or None)
 
     @property
     def pieces(self) -> list[Job]:
@@ -185,8 +211,10 @@ class Job:
             own = {name: value for name, value in self.rung.medium.options if name != "samples"}
             alone = MediumChoice(self.rung.medium.name, tuple((own | {"shape": medium.shape, "seed": seed}).items()))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            rung = replace(self.rung, medium=alone)
-            out.append(_SampleJob(where, rung, self.finite_overlap, None, None, self.waves, self.exponents))
+            # of a sample neither bands nor a direction are asked for
+            out.append(
+                _SampleJob(where, replace(self.rung, medium=alone), replace(self.asked, qpoints=None, direction=None))
+            )
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -198,8 +226,8 @@ class Job:
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
         out = self.observe(RecordedState.of(medium, records, load))
-        if self.waves is not None:
-            out = _add_waves(out, load, records, self.waves, medium.packing, not self.rung.is_part)
+        if self.asked.waves is not None:
+            out = _add_waves(out, load, records, self.asked.waves, medium.packing, not self.rung.is_part)
         return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
 
     @property
@@ -223,7 +251,7 @@ class Job:
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return the variables of a state, and its "warnings"."""
-        analysis = Analysis(state, self.direction)
+        analysis, asked = Analysis(state, self.asked.direction), self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Tally | str] = [one for one in validity(state).tallies if one.failing or self.rung.chosen]
         out = find_all(analysis, ("state",), swept=True)
@@ -231,13 +259,13 @@ class Job:
             out |= find_all(analysis, ("velocities",), swept=True)
             notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
-            if self.qpoints is None:
+            if asked.sound:
                 raise
             notes.append(describe_mechanism(error))
-        out |= find_all(analysis, ("exponent",), swept=True) if self.exponents else {}
+        out |= find_all(analysis, ("exponent",), swept=True) if asked.exponents else {}
         notes += warn_of_missing_error(out)
-        if self.qpoints is not None:
-            out["frequencies"], free = _compute_frequencies(state, self.qpoints)
+        if asked.qpoints is not None:
+            out["frequencies"], free = _compute_frequencies(state, asked.qpoints)
             notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
         notes = list(dict.fromkeys(notes))
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
@@ -314,6 +342,9 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
     It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
     index of that load in the sweep. If no load fails alone, ``error`` is returned with the task only.
     """
+    if job.asked.alone:
+        error.load_index = 0 if error.option is None else None
+        return error
     if error.option is not None:  # it is not about a load
         return _name_task(job.where, error)
     at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
@@ -395,7 +426,7 @@ class _SampleJob(Job):
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
             index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
-            found = SampleRecord.to_part([SampleRecord.of(sample, self.waves, self.exponents)])
+            found = self._record([sample])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
@@ -418,5 +449,10 @@ class _SampleJob(Job):
             return end_early(self.observe(error.reached), sorted(order[:count]), self.load.size, error)
 
     def observe(self, state: ContactState) -> TaskResult:
-        """Return every number of the samples that is averaged, (n_loads, ...)."""
-        return SampleRecord.to_part([SampleRecord.of(sample, self.waves, self.exponents) for sample in state.samples])
+        """Return every number of the samples that is averaged, (n_loads, ...), and the balls if they are kept."""
+        return self._record(state.samples)
+
+    def _record(self, samples: Sequence[Any]) -> TaskResult:
+        asked = self.asked
+        found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
+        return found | keep_balls(samples[0]) if self.asked.alone else found

@@ -58,16 +58,18 @@ class SampleRecord(Result):
     of_waves: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, sample: Sample | PressedSample, waves: WaveSettings | None = None, exponents: bool = True) -> Self:
+    def of(
+        cls, sample: Sample | PressedSample, waves: WaveSettings | None = None, exponents: bool = True, whole: bool = False
+    ) -> Self:
         """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
 
-        Without ``exponents`` there are no tensors at neighbouring loads.
+        Without ``exponents`` there are no tensors at neighbouring loads. With ``whole`` the waves themselves are kept too.
         """
         found: dict[str, Any] = {}
         if waves is not None:
             from granphon.sweeps.wave_records import record_waves  # imported here: a sweep without waves does not need it
 
-            found = record_waves(sample, waves)
+            found = record_waves(sample, waves, whole)
         lost = {name: getattr(sample, name) for name in HISTORY_UNITS} if isinstance(sample, PressedSample) else {}
         return cls(
             sample.force, sample.boundary_force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,

@@ -11,10 +11,11 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,11 +31,13 @@ from granphon.base.validation import block, require, truth
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.cases import Case, Grid, require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.simulation import SimulatedState
 from granphon.phonons.paths import BandPath
 from granphon.sweeps.archive import file_names, load_sweep, write_sweep
 from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
-from granphon.sweeps.jobs import Work, to_json
-from granphon.sweeps.store import Store, open_store
+from granphon.sweeps.jobs import Asked, Work, to_json
+from granphon.sweeps.records import SampleRecord
+from granphon.sweeps.store import Store, TaskResult, open_store
 from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.unfinished import incomplete_files, keep_incomplete, require_complete, strip
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
@@ -42,7 +45,7 @@ from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSetting
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["sweep", "sweep_grid"]
+__all__ = ["SweepRun", "sweep", "sweep_grid"]
 
 Array = NDArray[Any]
 #: a prestress f/(k a) so small that a lattice which buckles under it does so under any
@@ -156,7 +159,8 @@ def sweep(
         no_simulation(choices)
     along = _parse_direction(lattice, direction)
     waves = _parse_waves(dos, spectrum, pulse, lattice, along)
-    grid = Grid(packing, axes, choices, load, finite_overlap, along, waves)
+    # bands are those of a mechanism too
+    grid = Grid(packing, axes, choices, load, finite_overlap, along, waves, sound=bands is None)
     if waves is not None:
         require_arrays(choices, parameters, waves.names)
         for case in grid.cases:
@@ -184,17 +188,10 @@ def sweep_grid(
 
     Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
     """
-    cases = grid.cases
-    way = None if bands is None else Way.of([case.packing for case in cases], bands, npoints, labels)
-    frame = make_frame(grid, way)
-    if way is None:  # bands are those of a mechanism too
-        _require_sound(cases)
+    run = SweepRun.of(grid, bands, npoints, labels)
     target = _choose_target(path, resume)
-    if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
+    if target is not None and resume and not overwrite and (there := _load_complete(target, run.frame)) is not None:
         return there
-    qpoints = None if way is None else way.qpoints
-    works = [Work(case, qpoints, grid.direction, grid.waves, grid.exponents) for case in cases]
-    pieces = [work.pieces for work in works]
     files = (
         None
         if target is None
@@ -203,13 +200,8 @@ def sweep_grid(
     folder = nullcontext() if files is None else files.open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
-        place.claim(collect_identity(frame), lambda: [piece.name for several in pieces for piece in several])
-        found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
-        ends = accumulate(map(len, pieces), initial=0)
-        parts = [work.join(found[first:last]) for work, (first, last) in zip(works, pairwise(ends), strict=True)]
-        dataset = fill(frame, grid, works, [strip(part) for part in parts])
         try:
-            require_complete(parts, dataset)
+            dataset = run.solve(executor, progress, place)
         except ConvergenceError as error:
             if locked is None or target is None or error.reached is None:
                 raise
@@ -218,6 +210,59 @@ def sweep_grid(
             with locked.staging() as stage:
                 write_sweep(dataset, stage / target.name)
     return dataset
+
+
+@dataclass(frozen=True, eq=False)
+class SweepRun:
+    """The work of a sweep: its frame, the path of the bands, and the work on each case.
+
+    Of a single state of a simulation :attr:`state` and :attr:`records` are known once it has been solved.
+    """
+
+    grid: Grid
+    frame: Dataset
+    works: tuple[Work, ...]
+    _found: list[TaskResult] = field(default_factory=list, init=False)
+
+    @classmethod
+    def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
+        """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
+        cases = grid.cases
+        way = None if bands is None else Way.of([case.packing for case in cases], bands, npoints, labels)
+        frame = make_frame(grid, way)
+        if grid.sound:
+            _require_sound(cases)
+        asked = Asked(
+            grid.finite_overlap, None if way is None else way.qpoints, grid.direction, grid.waves, grid.exponents,
+            grid.sound, grid.is_one_state,
+        )  # fmt: skip
+        return cls(grid, frame, tuple(Work(case, asked) for case in cases))
+
+    def solve(self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None) -> Dataset:
+        """Do all tasks, whose results the ``store`` keeps, and return the data set.
+
+        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its ``reached`` is the data set of the
+        loads before.
+        """
+        place, pieces = store or Store(), [work.pieces for work in self.works]
+        tasks = [piece for several in pieces for piece in several]
+        place.claim(collect_identity(self.frame), lambda: [piece.name for piece in tasks])
+        self._found[:] = solve_all("simulation" if self.grid.is_one_state else "sweep", tasks, executor, progress, place)
+        ends = accumulate(map(len, pieces), initial=0)
+        parts = [work.join(self._found[a:b]) for work, (a, b) in zip(self.works, pairwise(ends), strict=True)]
+        dataset = fill(self.frame, self.grid, self.works, [strip(part) for part in parts])
+        require_complete(parts, dataset)
+        return dataset
+
+    @property
+    def state(self) -> SimulatedState | None:
+        """The state of a simulation, with its samples, if it is the only state; else None."""
+        return self.works[0].restore(self._found) if self.grid.is_one_state else None
+
+    @property
+    def records(self) -> list[SampleRecord]:
+        """What was found of the samples of such a state."""
+        return [SampleRecord.from_part(part, 0) for part in self._found]
 
 
 def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:

@@ -1,4 +1,4 @@
-"""What a sweep keeps of the waves in each sample, and its means over samples with their standard errors.
+"""What a run keeps of the waves in each sample, and its means over samples with their standard errors.
 
 Of a sample, :func:`record_waves` keeps arrays by name. :func:`average_waves` makes of those of several samples at one load
 the observables that the catalogue lists under the costs "dos", "spectrum" and "pulse". What cannot be found in a state has
@@ -7,27 +7,33 @@ no entry there, and a note says why.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample, standard_error
 from granphon.base.errors import GranphonError, InputError
+from granphon.base.results import Result
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.waves.lines import find_ioffe_regel
 from granphon.waves.path_spectra import find_path_points
+from granphon.waves.pulses import Pulse
 from granphon.waves.sending import Sending, transmit
-from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings
+from granphon.waves.settings import PulseSettings, WaveSettings
 from granphon.waves.waves import Waves
 
-__all__ = ["average_waves", "record_waves"]
+__all__ = ["average_waves", "read_whole", "record_waves"]
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
+Kept = TypeVar("Kept", bound=Result)
+#: what the names of whole results begin with
+_WHOLE = "whole."
 #: numbers of a pulse that are averaged, and what a pulse calls them
 _PULSE = {"pulse_velocity": "velocity", "time_of_flight": "time_of_flight", "coherent_fraction": "coherent_fraction"}
 
@@ -35,34 +41,43 @@ _PULSE = {"pulse_velocity": "velocity", "time_of_flight": "time_of_flight", "coh
 # -- of one sample ------------------------------------------------------------------------------------------------------
 
 
-def record_waves(sample: Sample, wanted: WaveSettings) -> dict[str, Array]:
-    """Find what is wanted of the waves in a sample, and return the numbers that are averaged, in SI units by name."""
-    waves, out = Waves(sample), dict[str, Array]()
+def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> dict[str, Array]:
+    """Find what is wanted of the waves in a sample, and return the numbers that are averaged, in SI units by name.
+
+    With ``whole`` the results themselves are kept too, for :func:`read_whole`.
+    """
+    waves, out, results = Waves(sample), dict[str, Array](), dict[str, Result]()
     if wanted.dos:
         # random vectors differ from sample to sample, so that their noise is part of the standard error over samples
         found = waves.dos(seed=sample.seed or 0)
         parts = (found.frequencies, found.translational, found.rotational, found.error)
-        out["dos"] = np.array(parts)
-    if wanted.spectrum is not None:
-        out |= _record_spectrum(sample, waves, wanted.spectrum, wanted.path)
+        out["dos"], results["dos"] = np.array(parts), found
+    if (settings := wanted.spectrum) is not None:
+        packing = sample.packing
+        way = find_path_points(waves.network, ideal_lattice(packing), packing.diameter, wanted.path, settings.points)
+        spectra = {name: waves.spectral_function(way.q, name, settings.resolution) for name in settings.polarisation}
+        lines = [(one.peak, one.width, one.resolved) for one in spectra.values()]
+        out |= {"path_corners": way.corners, "path_distance": way.distances, "lines": np.array(lines, float)}
+        out["wavenumber"] = spectra[settings.polarisation[0]].wavenumber
+        results |= spectra
     if wanted.pulse is not None:
-        out |= _record_pulse(waves, wanted.pulse, wanted.direction)
+        numbers, pulse = _record_pulse(waves, wanted.pulse, wanted.direction)
+        out |= numbers
+        results |= {} if pulse is None else {"pulse": pulse}
+    if whole:
+        out |= {_WHOLE + name: np.array(json.dumps(one.to_dict()).encode()) for name, one in results.items()}
     return out
 
 
-def _record_spectrum(sample: Sample, waves: Waves, settings: SpectrumSettings, path: Sequence[Any]) -> dict[str, Array]:
-    packing = sample.packing
-    way = find_path_points(waves.network, ideal_lattice(packing), packing.diameter, path, settings.points)
-    found = [waves.spectral_function(way.q, name, settings.resolution) for name in settings.polarisation]
-    return {
-        "path_corners": way.corners, "path_distance": way.distances, "wavenumber": found[0].wavenumber,
-        "lines": np.array([(one.peak, one.width, one.resolved) for one in found], float),
-    }  # fmt: skip
+def read_whole(record: Record, name: str, kind: type[Kept]) -> Kept | None:
+    """Return a result that :func:`record_waves` has kept: "dos", "pulse" or a polarisation; None if there is none."""
+    text = record.get(_WHOLE + name)
+    return None if text is None else kind.from_dict(json.loads(text.item()))
 
 
-def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> dict[str, Array]:
+def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> tuple[dict[str, Array], Pulse | None]:
     """Send a pulse. What cannot be known of it is nan, and the text ``pulse_note`` says why."""
-    out, note, said = dict.fromkeys(_PULSE, math.nan), "", ""
+    out, note, said, heard = dict.fromkeys(_PULSE, math.nan), "", "", None
     try:
         heard = transmit(waves.network, Sending.of(settings, waves.network, direction))
         out |= {name: getattr(heard, source) for name, source in _PULSE.items()}
@@ -71,7 +86,7 @@ def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> dict
     except GranphonError as error:  # what could be known before the simulation has been refused by now
         note = str(error)
     numbers = {name: np.array(value) for name, value in out.items()}
-    return numbers | {"pulse_note": np.array(note), "pulse_echo": np.array(said)}
+    return numbers | {"pulse_note": np.array(note), "pulse_echo": np.array(said)}, heard
 
 
 # -- of several samples at one load -------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,6 +59,19 @@ class PathSpectra(Result):
     band_distances: Array
     bands: Array
 
+    @classmethod
+    def of(
+        cls, spectra: Sequence[SpectralFunction], corners: Array, distances: Array, lattice: ContactLattice, scales: Units,
+        path: Sequence[ArrayLike], labels: Sequence[str],
+    ) -> Self:  # fmt: skip
+        """Put spectral functions beside the bands of a lattice along the path; see :func:`find_path_spectra`."""
+        steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
+        fine = corners[:-1] + steps * np.diff(corners)
+        legs = [leg for piece in path for leg in pairwise(lattice.wavevectors(piece))]
+        bands = [lattice.frequencies(start + steps * (end - start)) for start, end in legs]
+        hertz = scales.frequency * np.concatenate(bands)
+        return cls(corners, join_labels(path, labels), distances, tuple(spectra), fine.T.ravel(), hertz)
+
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of peaks: a row for each wave vector and polarisation.
 
@@ -109,24 +122,17 @@ def find_path_spectra(
     InputError : fewer than two points, or an array so small that it has no wave vector on the path but Gamma.
     """
     way = find_path_points(waves.network, lattice, scales.length, path, points)
-    steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
-    fine = way.corners[:-1] + steps * np.diff(way.corners)
-    bands = [lattice.frequencies((start + steps * (end - start)) * scales.length) for start, end in way.legs]
-    spectra = tuple(waves.spectral_function(way.q, name, resolution) for name in polarisations)
-    return PathSpectra(
-        way.corners, join_labels(path, labels), way.distances, spectra, fine.T.ravel(),
-        scales.frequency * np.concatenate(bands),
-    )  # fmt: skip
+    spectra = [waves.spectral_function(way.q, name, resolution) for name in polarisations]
+    return PathSpectra.of(spectra, way.corners, way.distances, lattice, scales, path, labels)
 
 
 class PathPoints(NamedTuple):
     """Wave vectors of a periodic network along a path.
 
-    ``legs`` are the ends of its straight pieces, (p,) each, and ``corners`` (m,) their distances along the path, 1/m; ``q``
-    (n, d) the wave vectors, 1/m, and ``distances`` (n,) where they are along it.
+    ``corners`` (m,) are the distances along the path of its corners, 1/m; ``q`` (n, d) the wave vectors, 1/m, and
+    ``distances`` (n,) where they are along it.
     """
 
-    legs: list[tuple[Array, Array]]
     corners: Array
     distances: Array
     q: Array
@@ -163,7 +169,7 @@ def find_path_points(
         what = "the array has no wave vector on the path but Gamma"
         raise InputError(message(what, mend="Take a larger array, or a path through the middle of the zone"))
     distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
-    return PathPoints(legs, starts, distances, q)
+    return PathPoints(starts, distances, q)
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
