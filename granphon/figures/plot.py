@@ -7,13 +7,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief, message
+from granphon.sweeps.dataset import find_dataset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from xarray import Dataset
 
-__all__ = ["find_dataset", "plot"]
+__all__ = ["plot"]
 
 #: for the class of a result, by the package and the name, so that none is imported here: the module of figures, the
 #: function that draws it, and the keyword under which the function takes it
@@ -70,12 +70,6 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given, options)
     return _show(draw(**given, **options))
-
-
-def find_dataset(result: Any) -> Dataset | None:
-    """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
-    found = getattr(result, "dataset", result)
-    return found if hasattr(found, "data_vars") and "valid" in found else None
 
 
 def _show(figure: Figure) -> Figure:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief, message
 from granphon.figures.fits import write_width
-from granphon.figures.plot import find_dataset
 from granphon.figures.sweep_lines import describe_lines, find_load, list_parameters, read_curve
 from granphon.figures.words import describe_medium, list_facts, write_value
 from granphon.fits.fit import WidthFit
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
+from granphon.sweeps.dataset import find_dataset
 
 if TYPE_CHECKING:
     from xarray import Dataset

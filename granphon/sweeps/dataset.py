@@ -28,7 +28,7 @@ from granphon.sweeps.workers import packages
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["Way", "collect_identity", "fill", "list_finite_overlap", "make_frame"]
+__all__ = ["Way", "collect_identity", "fill", "find_dataset", "list_finite_overlap", "make_frame"]
 
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
@@ -108,6 +108,12 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
     if grid.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
+
+
+def find_dataset(result: Any) -> Dataset | None:
+    """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
+    found = getattr(result, "dataset", result)
+    return found if hasattr(found, "data_vars") and "valid" in found else None
 
 
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
