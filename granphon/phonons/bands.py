@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -110,8 +110,6 @@ class Bands(Result):
         super().__post_init__()
         if not self.pbc:
             object.__setattr__(self, "pbc", (True,) * self.periods)
-        if self.eigenvectors.shape[2] == len(self.motions.translations) * len(self.masses):
-            object.__setattr__(self, "motions", replace(self.motions, rotations=()))
 
     def _check(self) -> None:
         """Check shapes, and that all numbers are finite and can be those of bands.
