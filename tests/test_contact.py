@@ -50,7 +50,6 @@ def test_law_is_that_of_equations_1_to_4(first, second, load, sigma):
         assert abs(law.stiffness(measured) / k - 1) < 3e-15
         assert abs(material.mindlin_ratio * law.stiffness(measured) / kappa - 1) < 3e-15
         assert abs(law.force(float(delta)) / mpmath.mpf(force) - 1) < 3e-15
-        assert abs(law.overlap_of_stiffness(float(k)) / delta - 1) < 3e-15
 
 
 @given(first=lengths, second=lengths, overlap=st.floats(-12.0, -1.0))
@@ -59,7 +58,6 @@ def test_law_inverts_itself_and_does_not_know_which_ball_is_first(first, second,
     delta = 10.0**overlap * min(first, second)
     law, mirrored = gp.HertzLaw.between(material, first, second), gp.HertzLaw.between(material, second, first)
     assert_allclose(law.overlap(law.force(delta)), delta, rtol=2e-15)
-    assert_allclose(law.overlap_of_stiffness(law.stiffness(delta)), delta, rtol=2e-15)
     assert_allclose(law.coefficient, mirrored.coefficient, rtol=1e-15)
 
 
@@ -92,7 +90,7 @@ def test_balls_apart_push_nothing(steel):
 
 def test_scalars_give_floats_and_arrays_give_their_own_shape(steel):
     law = gp.HertzLaw.between(steel, 8e-3)
-    for method in (law.energy, law.force, law.stiffness, law.overlap, law.overlap_of_stiffness):
+    for method in (law.energy, law.force, law.stiffness, law.overlap):
         assert isinstance(method(1e-6), float)
         assert method(np.full((2, 3), 1e-6)).shape == (2, 3)
 
@@ -107,12 +105,10 @@ def test_overlaps_keep_their_digits_at_the_edges_of_double_precision(coefficient
 
 
 @pytest.mark.parametrize("bad", [-1.0, math.nan, [1.0, -1e-300]])
-def test_no_overlap_of_a_tensile_force_nor_of_a_negative_stiffness(steel, bad):
+def test_no_overlap_of_a_tensile_force(steel, bad):
     law = gp.HertzLaw.between(steel, 8e-3)
     with pytest.raises(InputError, match="negative"):
         law.overlap(bad)
-    with pytest.raises(InputError, match="negative"):
-        law.overlap_of_stiffness(bad)
 
 
 # -- the material -----------------------------------------------------------------------------------------------------

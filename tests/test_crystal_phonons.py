@@ -595,7 +595,7 @@ def test_bands_with_fewer_periods_than_their_lattice_are_refused(lattice, path, 
     # of numbers in memory, velocities along the periods alone are left
     bands = phonons(lattice).bands(path, 2)
     with pytest.raises(InputError, match=f"leaves the (line|plane) of {periods} period"):
-        replace(bands, group_velocities=bands.group_velocities[..., :periods]).check()
+        replace(bands, group_velocities=bands.group_velocities[..., :periods])._check()
 
 
 def test_a_mesh_beyond_all_memory_is_refused():

@@ -98,7 +98,7 @@ def test_pressure_is_minus_energy_over_measure(steel, name):
         at = mpmath.mpf(8e-5)
         expected = -mpmath.diff(energy, at) / mpmath.diff(measure, at)
     assert state.pressure == pytest.approx(float(expected), rel=1e-13)
-    assert state.said_units()["pressure"] == ("N", "N/m", "Pa")[p - 1]
+    assert state._field_units()["pressure"] == ("N", "N/m", "Pa")[p - 1]
     # density times measure is the mass, with the thickness of the layer in the plane
     weight = state.effective_density * lattice.measure_per_ball * (8e-3 - 8e-5) ** p * (8e-3 if p == 2 else 1.0)
     assert weight == pytest.approx(packing.mass, rel=1e-13)

@@ -51,7 +51,6 @@ def test_rows_of_the_table_agree_with_the_positions():
         vector = lattice.positions[table.j] + table.shift @ lattice.vectors - lattice.positions[table.i]
         assert_allclose(table.vector, vector, atol=1e-15)
         assert_allclose(np.linalg.norm(table.normal, axis=1), 1.0, rtol=1e-15)
-        assert_allclose(np.cross(np.pad(table.normal, ((0, 0), (0, 1))), np.pad(table.tangent, ((0, 0), (0, 1))))[:, 2], 1.0)
         assert_allclose(table.arm_i + table.arm_j, np.linalg.norm(table.vector, axis=1), rtol=1e-15)
 
 

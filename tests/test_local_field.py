@@ -157,7 +157,8 @@ def by_cluster(structure: Lattice, eta: float, size: int, clamped: bool = False)
     cells, i, j, row = cluster(structure, size, clamped)
     n, m = structure.n_balls * len(cells), len(i)
     centre = structure.n_balls * ((size // 2) * size + size // 2)
-    normal, tangent = table.normal[row], table.tangent[row]
+    normal = table.normal[row]
+    tangent = normal @ [[0.0, 1.0], [-1.0, 0.0]]
     contact = np.arange(m)
 
     def rows(axis, turn, stiffness):

@@ -89,9 +89,7 @@ def test_rotation_softens_shear():
     lattice = gp.ContactLattice.of("triangular", ETA)
     table = lattice.contacts
     q = np.array([1e-6, 0.0])
-    held = sum(
-        (q @ n) ** 2 * (np.outer(n, n) + ETA * np.outer(t, t)) for n, t in zip(table.normal, table.tangent, strict=True)
-    ) / (q @ q)
+    held = sum((q @ n) ** 2 * (np.outer(n, n) + ETA * (np.eye(2) - np.outer(n, n))) for n in table.normal) / (q @ q)
     assert_allclose(held[1, 1], 3 / 8 * (1 + 3 * ETA), rtol=1e-14)
     assert_allclose(lattice.acoustic_tensor(q)[1, 1] - held[1, 1], -3 / 4 * ETA, rtol=1e-14)
 

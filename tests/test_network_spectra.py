@@ -472,7 +472,7 @@ def test_network_with_ends_has_any_wave_vector(disordered):
     inside = ~np.any(disordered.shift, axis=1)
     cut = {
         name: getattr(disordered, name)[inside]
-        for name in ContactNetwork.shapes
+        for name in ContactNetwork._shapes
         if np.shape(getattr(disordered, name))[:1] == inside.shape
     }
     free = replace(disordered, pbc=(False, False, False), lattice=None, shape=None, **cut)

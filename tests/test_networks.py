@@ -330,7 +330,7 @@ def test_balls_in_a_straight_row_are_held():
     one_row = replace(
         network, **{
             name: getattr(network, name)[np.abs(network.normal[:, 0]) > 0.5]
-            for name, layout in network.shapes.items() if layout.split()[0] == "c" and "?" not in layout
+            for name, layout in network._shapes.items() if layout.split()[0] == "c" and "?" not in layout
         },
     )  # fmt: skip
     assert not one_row.rattlers.size
@@ -440,7 +440,7 @@ def listed_twice(network, turned):
     return found
 
 
-CONTACT_FIELDS = [name for name, layout in ContactNetwork.shapes.items() if layout.split()[0] == "c" and "?" not in layout]
+CONTACT_FIELDS = [name for name, layout in ContactNetwork._shapes.items() if layout.split()[0] == "c" and "?" not in layout]
 BAD = {
     "place": (change("positions", (1, 0), NAN), "ball 1 .* not finite"),
     "radius": (change("radii", 0, -1.0), "ball 0 .* radii .* above zero"),

@@ -80,7 +80,7 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
     assert {gp.Bands, gp.ContactState, gp.SimulatedState, gp.Pulse, gp.SpectralFunction, gp.ContactNetwork} <= set(kinds)
     for kind in kinds:
         names = [field.name for field in fields(kind)]
-        monkeypatch.setattr(kind, "shown", ())  # properties are those of true results, see below
+        monkeypatch.setattr(kind, "_notebook_fields", ())  # properties are those of true results, see below
         for shift in range(len(VALUES)):
             made: Any = object.__new__(kind)
             given = {name: VALUES[(n + shift) % len(VALUES)] for n, name in enumerate(names)}
@@ -90,7 +90,7 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
                 object.__setattr__(made, name, value)
             html = made._repr_html_()
             assert "<script" not in html
-            found, units = read(html), made.said_units()
+            found, units = read(html), made._field_units()
             assert set(found) <= set(names)
             for name, (_, unit) in found.items():
                 assert unit == ("" if units.get(name) == "1" else units.get(name, "")), (kind, name)

@@ -7,7 +7,7 @@ import pytest
 
 from granphon.array import linear_step, patches
 from granphon.array.friction import Tangent
-from granphon.array.geometry import LatticeGeometry, multiply
+from granphon.array.geometry import multiply
 from granphon.array.linear_step import LinearSteps
 from granphon.array.patches import Patches
 from granphon.array.stencils import Motion, Stencils
@@ -29,13 +29,15 @@ def draw_tangent(stencils, seed=0):
 
 def find_matrix(stencils, tangent):
     """C^T D C as a dense matrix, ball after ball: rows and columns are (balls, cells, fields), column by column."""
-    place = LatticeGeometry(stencils, np.zeros(stencils.ball_shape)).place(
-        np.zeros((stencils.n_fields, *stencils.shape)), 1.0
-    )
     columns = []
     for unit in np.eye(stencils.n_fields * math.prod(stencils.shape)):
-        motion = Motion(unit.reshape(stencils.n_fields, *stencils.shape), 0.0)
-        columns.append(place.respond(motion, tangent.apply, None, None)[0].ravel())
+        rows = stencils.deformations(Motion(unit.reshape(stencils.n_fields, *stencils.shape), 0.0))
+        loss, slips = (
+            rows[: stencils.n_contacts],
+            rows[stencils.n_contacts :].reshape(-1, stencils.n_contacts, *stencils.shape),
+        )
+        normal, shear = tangent.apply(loss, slips)
+        columns.append(stencils.forces(np.concatenate([normal, shear.reshape(-1, *stencils.shape)])).ravel())
     by_field = (stencils.n_balls, stencils.motions.count, math.prod(stencils.shape))
     order = np.arange(len(columns)).reshape(by_field).swapaxes(1, 2).ravel()
     return np.transpose(columns)[np.ix_(order, order)]

@@ -313,7 +313,7 @@ def test_pulses_of_several_samples_have_one_coherent_part():
 def test_open_network_has_the_ends_that_it_has():
     whole = chain(40)
     kept = ~np.any(whole.shift, axis=1)
-    names = [name for name, layout in whole.shapes.items() if layout.startswith("c") and "?" not in layout]
+    names = [name for name, layout in whole._shapes.items() if layout.startswith("c") and "?" not in layout]
     fields = {name: getattr(whole, name)[kept] for name in names}
     fields |= {"cell": np.zeros((3, 3)), "pbc": (False, False, False), "lattice": None, "shape": None}
     opened = gp.Waves(replace(whole, **fields))
@@ -643,7 +643,7 @@ def test_error_of_planes_names_the_lengths_of_the_cell():
 def test_network_that_is_not_joined_is_refused():
     whole = chain(40)
     cut = (whole.i == 3) | (whole.i == 30)
-    names = [name for name, layout in whole.shapes.items() if layout.startswith("c") and "?" not in layout]
+    names = [name for name, layout in whole._shapes.items() if layout.startswith("c") and "?" not in layout]
     parted = replace(whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None)
     with pytest.raises(InputError, match=r"no contacts join the source .* 3 parts"):
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)

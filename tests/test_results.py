@@ -81,7 +81,7 @@ def test_round_trip_through_json(results, name):
     result = results[name]
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["class"] == type(result).__name__
-    assert data["schema"] == type(result).schema
+    assert data["schema"] == type(result)._schema
     assert data["units"] == dict(type(result).units)
     same(type(result).from_dict(data), result)
     same(type(result).from_dict(result.to_dict()), result)
@@ -137,6 +137,10 @@ def test_every_quantity_says_its_unit(cls, units):
     assert issubclass(Validity, Result)
 
 
+def test_a_result_shows_what_a_user_calls_alone():
+    assert {name for name in dir(Result) if not name.startswith("_")} == {"from_dict", "to_dict", "units"}
+
+
 def test_scalars_are_floats(results):
     for name, fields in (("velocities", ("longitudinal", "transverse")), ("moduli", ("bulk", "shear"))):
         for field in fields:
@@ -155,7 +159,7 @@ def test_data_of_another_class_or_schema_or_incomplete(results):
     with pytest.raises(InputError, match=r"SoundVelocities.*Moduli"):
         Moduli.from_dict(data)
     with pytest.raises(InputError, match=r"schema 2.*reads and writes schema 1"):
-        SoundVelocities.from_dict(data | {"schema": SoundVelocities.schema + 1})
+        SoundVelocities.from_dict(data | {"schema": SoundVelocities._schema + 1})
     del data["transverse"]
     with pytest.raises(InputError, match="lack transverse"):
         SoundVelocities.from_dict(data)

@@ -44,7 +44,7 @@ def phonons(request):
 def test_shapes_and_corners(phonons):
     b = phonons.lattice.n_branches
     bands = phonons.bands("GKMG", npoints=11)
-    assert b == (3 if phonons.lattice.rotates else 2)
+    assert b == (3 if phonons.lattice.motions.rotate else 2)
     assert bands.n_branches == b
     assert bands.qpoints.shape == (3, 11, 3)
     assert bands.distances.shape == (3, 11)
@@ -72,7 +72,7 @@ def test_distances_and_frequencies_are_phonopys(phonons):
     bands = phonons.bands("GK,MG", npoints=7)
     theirs = phonons.phonopy.run_band_structure(list(bands.qpoints), path_connections=[False, False])
     np.testing.assert_allclose(bands.distances, theirs.distances, atol=1e-15)
-    flat = 0 if phonons.lattice.rotates else 1
+    flat = 0 if phonons.lattice.motions.rotate else 1
     found = bands.frequencies / phonons.scales.frequency
     np.testing.assert_allclose(found, np.array(theirs.frequencies)[..., flat:], atol=1e-7)
     np.testing.assert_allclose(found[0, 1:], np.array(theirs.frequencies)[0, 1:, flat:], rtol=1e-12)
@@ -153,7 +153,7 @@ def test_group_velocities_are_the_slopes_of_the_bands(phonons):
 def test_group_velocities_equal_phonopys_on_the_path(phonons):
     bands = phonons.bands([[0.07, 0.03], [0.31, 0.12]], npoints=9)
     run = phonons.phonopy.run_band_structure(list(bands.qpoints), with_group_velocities=True)
-    theirs = np.array(run.group_velocities)[..., 0 if phonons.lattice.rotates else 1 :, :2] / (2.0 * np.pi)
+    theirs = np.array(run.group_velocities)[..., 0 if phonons.lattice.motions.rotate else 1 :, :2] / (2.0 * np.pi)
     np.testing.assert_allclose(bands.group_velocities / phonons.scales.velocity, theirs, atol=1e-6)
 
 
@@ -425,7 +425,7 @@ def integral(dos, part="total"):
 @pytest.mark.claim("api-densities")
 @pytest.mark.parametrize(("mesh", "points"), [((2, 2), 12), ((7, 5), 501), ((16, 16), 13), ((32, 32), 501)])
 def test_integral_is_the_number_of_branches_of_a_ball(phonons, mesh, points):
-    rotations = 1.0 if phonons.lattice.rotates else 0.0
+    rotations = 1.0 if phonons.lattice.motions.rotate else 0.0
     dos = phonons.dos(mesh=mesh, points=points)
     assert integral(dos, "translational") == pytest.approx(2.0, rel=1e-12)
     assert integral(dos, "rotational") == pytest.approx(rotations, rel=1e-12)

@@ -90,7 +90,7 @@ class Equilibrium(Result):
     In arrays of contacts the first axis is the kind of contact, in the order of the lattice's table: (n_c, L1, ..., Lp).
     """
 
-    shapes = {"deviations": "..."}
+    _shapes = {"deviations": "..."}
 
     deviations: Array
     overlap: float
@@ -116,9 +116,9 @@ class Equilibrium(Result):
         """Compatibility matrix C of the array, without slips."""
         return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
-        super().check()
+        super()._check()
         shape = array_shape(self.deviations, self.lattice)
         wanted = self.lattice.n_balls * self.lattice.periods, *shape
         if len(shape) != self.lattice.periods or np.shape(self.balls) != wanted:

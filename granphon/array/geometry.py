@@ -68,15 +68,12 @@ class Place(Protocol):
     def press(self, forces: Array, shears: Array) -> float:
         """Return the force whose work on dy is that of the load: a mean over contacts."""
 
-    def respond(self, motion: Motion, law: Law, forces: Array, shears: Array) -> tuple[Array, float]:
-        """Return the changes of :meth:`pull` and of the sum of forces by a small motion, both times -1.
-
-        The changes of forces follow from the ``law``; ``forces`` and ``shears`` are those that act here: they turn with
-        their contacts.
-        """
-
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
-        """Return what :meth:`respond` does, with the ``tangent`` of the law of friction, for motions in single precision."""
+        """Return the changes of :meth:`pull` and of the sum of forces by small motions in single precision, both times -1.
+
+        They follow from the ``tangent`` of the law of friction; ``forces`` and ``shears`` are those that act here: they turn
+        with their contacts.
+        """
 
 
 class Geometry(Protocol):
@@ -164,12 +161,6 @@ class LatticePlace:
     def press(self, forces: Array, shears: Array) -> float:
         """Return the mean normal force."""
         return float(np.mean(forces))
-
-    def respond(self, motion: Motion, law: Law, forces: Array, shears: Array) -> tuple[Array, float]:
-        """Return the changes of forces by a small motion, times -1; nothing turns."""
-        rows, n = self._stencils.deformations(motion), self._stencils.n_contacts
-        normal, shear = law(rows[:n], rows[n:].reshape(self._slips.shape))
-        return self._stencils.forces(self._stack(normal, shear)), -float(np.sum(normal))
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return the changes of forces by motions in single precision, times -1; nothing turns."""

@@ -70,7 +70,7 @@ class PressedHexagon(Result):
         "side_force": "N", "sites": "m", "deviations": "m", "displacements": "m", "retreats": "m", "forces": "N",
         "wall_forces": "N", "wall_coefficient": "N/m^(3/2)",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "sites": "b 2", "deviations": "b", "displacements": "b 2", "retreats": "6", "i": "c", "j": "c", "normal": "c 2",
         "ball": "w", "wall": "w", "forces": "c", "wall_forces": "w",
     }  # fmt: skip

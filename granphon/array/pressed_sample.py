@@ -86,9 +86,9 @@ class PressedEquilibrium(Equilibrium):
             slid=pressed.slid, loosened=pressed.loosened, damped=pressed.damped, steps=pressed.steps, ratio=ratio,
         )  # fmt: skip
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
-        super().check()
+        super()._check()
         stencils = self.sheared
         turns = stencils.n_fields - len(self.balls)
         wanted = (turns, *stencils.shape), (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape)
@@ -242,14 +242,6 @@ class PressedSample(Sample):
         return float(np.mean(self.equilibrium.contacts.tangential)) / self.equilibrium.force
 
     @property
-    def mobilisation(self) -> Array:
-        """(L1, ..., Lp, n_c) ``|T|`` over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
-
-        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
-        """
-        return np.moveaxis(self.equilibrium.law.mobilise(self.equilibrium.contacts), 0, -1)
-
-    @property
     def sliding_fraction(self) -> float:
         """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu f."""
         return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
@@ -290,11 +282,6 @@ class PressedSample(Sample):
     def dissipated_energy(self) -> float:
         """Energy lost since the start, a mean over contacts, J: by sliding, by Mindlin's law, and to dashpots."""
         return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened + self.equilibrium.damped)
-
-    @property
-    def slid_energy(self) -> float:
-        """Energy lost by sliding since the start, a mean over contacts, J."""
-        return self._units.energy * self.equilibrium.slid
 
     @property
     def normal_stiffness(self) -> float:

@@ -6,7 +6,6 @@ It is the only description of the geometry of contacts: the dynamics of lattices
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,11 +52,6 @@ class ContactTable:
 
     def __len__(self) -> int:
         return len(self.i)
-
-    @cached_property
-    def tangent(self) -> Array:
-        """(n_c, 2) unit tangents t = z x n, for contacts in the plane."""
-        return read_only(np.stack(contact_frames(self.normal)[1][:2], axis=1))
 
     def scale(self, factor: float) -> ContactTable:
         """The same contacts with every length multiplied by ``factor``, a pure number."""

@@ -146,16 +146,6 @@ class HertzLaw:
             root = np.where(kept, root, np.cbrt(load) / np.cbrt(self.coefficient))
         return (root**2)[()]
 
-    def overlap_of_stiffness(self, stiffness: ArrayLike) -> Any:
-        """Overlap delta = (2 k / 3 c)^2, m, at a normal ``stiffness`` k, N/m (the inverse of equation 2).
-
-        Raises :class:`InputError` if a stiffness is negative.
-        """
-        value = real_array("stiffness", stiffness)
-        if not np.all(value >= 0.0):
-            raise InputError(message("the stiffness of a contact is negative"))
-        return ((value / (1.5 * self.coefficient)) ** 2)[()]
-
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Relative fluctuation Delta f / f of the forces over balls: zero at any ``overlap`` of equal balls."""
         return np.zeros(np.shape(overlap))[()]

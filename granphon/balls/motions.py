@@ -19,7 +19,6 @@ __all__ = [
     "IN_PLANE",
     "LONGITUDINAL",
     "OUT_OF_PLANE",
-    "TRANSLATIONS_IN_PLANE",
     "Motions",
     "allowed_motions",
     "select_motions",
@@ -108,8 +107,6 @@ class Motions:
 
 #: motions in the plane: u_x, u_y, phi_z
 IN_PLANE = Motions("in_plane", (0, 1), (2,))
-#: motions in the plane where nothing resists rotation: u_x, u_y
-TRANSLATIONS_IN_PLANE = replace(IN_PLANE, rotations=())
 #: motions out of the plane: u_z, phi_x, phi_y
 OUT_OF_PLANE = Motions("out_of_plane", (2,), (0, 1))
 #: motions along a chain: u_x

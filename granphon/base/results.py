@@ -36,8 +36,8 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
 class Result:
     """Base of the frozen result classes.
 
-    A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (the shapes of its arrays,
-    for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. ``shown`` names
+    A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``_shapes`` (the shapes of its
+    arrays) and, when the meaning of a field changes, a higher ``_schema``. ``_notebook_fields`` names
     properties, quick to find, that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two
     results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
 
@@ -46,10 +46,10 @@ class Result:
     both allowed, and "?" at the end marks a field that may be None.
     """
 
-    schema: ClassVar[int] = 1
+    _schema: ClassVar[int] = 1
     units: ClassVar[Mapping[str, str]] = {}
-    shapes: ClassVar[Mapping[str, str]] = {}
-    shown: ClassVar[tuple[str, ...]] = ()
+    _shapes: ClassVar[Mapping[str, str]] = {}
+    _notebook_fields: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
@@ -81,8 +81,8 @@ class Result:
         return f"{type(self).__name__}({', '.join(shown)})"
 
     def _repr_html_(self) -> str:
-        units, rows = self.said_units(), []
-        for name in (*(f.name for f in fields(self) if f.repr), *self.shown):
+        units, rows = self._field_units(), []
+        for name in (*(f.name for f in fields(self) if f.repr), *self._notebook_fields):
             with suppress(GranphonError):  # a property that this result does not have, such as the pressure of some lattices
                 value = getattr(self, name)
                 if value is not None and not (isinstance(value, tuple) and not value):
@@ -95,7 +95,7 @@ class Result:
         Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a packing, its scales) become
         mappings of their own. The digest stays valid through JSON and YAML.
         """
-        data = {**plain(self), "schema": self.schema, "units": self.said_units()}
+        data = {**plain(self), "schema": self._schema, "units": self._field_units()}
         return data | {"digest": digest(data)}
 
     @classmethod
@@ -109,31 +109,31 @@ class Result:
         given = dict(data) if isinstance(data, Mapping) else {}
         if _read_class_name(given) != cls.__name__:
             raise InputError(message(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"))
-        require_schema(f"a {cls.__name__} in plain data", given.get("schema", cls.schema), cls.schema)
+        require_schema(f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema)
         try:
             restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
             # after the other checks, whose errors say more
             if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
                 raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
-            units = plain(given.get("units", restored.said_units()))  # an array as a unit becomes a list, which is refused
+            units = plain(given.get("units", restored._field_units()))  # an array as a unit becomes a list, which is refused
         except RecursionError:
             raise InputError(message(f"the {cls.__name__} data are nested too deeply, or contain themselves")) from None
-        if units != restored.said_units():
+        if units != restored._field_units():
             mend = "Use the units that to_dict gives: other units are not converted"
             raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
         return restored
 
-    def said_units(self) -> dict[str, str]:
+    def _field_units(self) -> dict[str, str]:
         """The SI unit of each field that has one, as :meth:`to_dict` gives them."""
         return dict(self.units)
 
-    def check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if fields in ``shapes`` are not numbers or their shapes disagree.
+    def _check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if fields in ``_shapes`` are not numbers or their shapes disagree.
 
         Called for results that were read; those that granphon computes pass by construction.
         """
         sizes: dict[str, Any] = {}
-        for name, layout in self.shapes.items():
+        for name, layout in self._shapes.items():
             value = getattr(self, name)
             if value is None and layout.endswith("?"):
                 continue
@@ -146,9 +146,9 @@ class Result:
                 what = f"{name} of the {type(self).__name__} has the shape {found} instead of ({wanted})"
                 raise InputError(message(what, so_far and f"The other fields have {so_far}"))
 
-    def check_finite(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if an array among ``shapes`` holds an infinity or a nan."""
-        for name in self.shapes:
+    def _require_finite(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an infinity or a nan."""
+        for name in self._shapes:
             value = getattr(self, name)
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
                 raise InputError(
@@ -269,7 +269,7 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
     try:
         made = build(**given)
         if isinstance(made, Result):
-            made.check()
+            made._check()
     except GranphonError as error:
         if isinstance(error, InputError):
             raise

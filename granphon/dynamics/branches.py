@@ -87,11 +87,6 @@ class AcousticBranch:
         values, vectors = _find_nearest(self.lattice, wavenumbers, self.direction, references)
         return values, vectors @ self.direction
 
-    def find_wavenumber(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Find the wavenumber (1/d) and the group velocity along the direction at each frequency, as :meth:`find_pulse`."""
-        x, vectors = self.find_pulse(frequency)
-        return x, vectors @ self.direction
-
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Find the wavenumber (1/d) and the group velocity (n, p), a vector, at each angular frequency (n,), to rounding.
 

@@ -124,11 +124,6 @@ class Compatibility:
         return len(self.positions)
 
     @property
-    def rotates(self) -> bool:
-        """Whether the balls have a rotational degree of freedom: only if a contact resists rotation."""
-        return self.motions.rotate
-
-    @property
     def n_branches(self) -> int:
         """Number of branches: the degrees of freedom in the cell."""
         return self.motions.count * self.n_balls

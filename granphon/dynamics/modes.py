@@ -47,7 +47,7 @@ class Modes(Result):
     """
 
     units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
-    shapes = {
+    _shapes = {
         "wavevectors": "q p", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b p",
         "rotational_fraction": "q b", "longitudinal_fraction": "q b", "out_of_plane_fraction": "q b",
     }  # fmt: skip

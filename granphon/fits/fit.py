@@ -65,12 +65,12 @@ class WidthFit(Result):
         "width": "m", "stderr": "m", "std": "m", "std_stderr": "m", "p": "1",
         "force": "N", "velocity": "m/s", "sigma": "m/s", "velocities": "m/s",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "parameters": "p", "values": "p", "covariance": "p p", "force": "n", "velocity": "n", "sigma": "n",
         "velocities": "n",
     }  # fmt: skip
 
-    shown = ("width", "stderr")
+    _notebook_fields = ("width", "stderr")
 
     packing: Packing
     choice: MediumChoice
@@ -164,11 +164,11 @@ class WidthFit(Result):
             return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
         return waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap))[0][()]
 
-    def said_units(self) -> dict[str, str]:
+    def _field_units(self) -> dict[str, str]:
         """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
         each = [PARAMETERS[name] or "1" for name in self.parameters]
         rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        return super().said_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
+        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -176,9 +176,9 @@ class WidthFit(Result):
         mapping = isinstance(data, Mapping)
         return super().from_dict({n: v for n, v in data.items() if n not in _HEAD} if mapping else data)
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Check the fields, and that the parameters can be fitted; raise InputError otherwise."""
-        super().check()
+        super()._check()
         if unknown := set(self.parameters) - set(VARIABLE):
             raise InputError(message(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE)))
 

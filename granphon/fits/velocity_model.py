@@ -79,7 +79,7 @@ class Waves(Result):
     """
 
     units = {"frequency": "Hz"}
-    shapes = {"direction": "p", "frequency": "...?"}
+    _shapes = {"direction": "p", "frequency": "...?"}
 
     branch: str
     direction: Array

@@ -26,17 +26,12 @@ class SampledWaves(SampleMeans):
 
         It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of
         a chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
-        :attr:`symmetric_tensor`, which has.
+        the part that has.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of compliances. For several samples
         without friction the bulk modulus then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
         """
         return np.asarray(self._average(lambda sample: sample.elastic_tensor))
-
-    @property
-    def symmetric_tensor(self) -> Array:
-        """The part of :attr:`elastic_tensor` that has the symmetry of the lattice, on average over samples the whole."""
-        return symmetrise(self.elastic_tensor, self.packing.structure)
 
     @property
     def is_isotropic(self) -> bool:

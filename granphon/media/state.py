@@ -109,8 +109,8 @@ class ContactState(Result):
         "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
         "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
     }  # fmt: skip
-    shapes = {"force": "...", "overlap": "...", "normal_stiffness": "..."}
-    shown = ("shear_stiffness", "pressure")
+    _shapes = {"force": "...", "overlap": "...", "normal_stiffness": "..."}
+    _notebook_fields = ("shear_stiffness", "pressure")
 
     packing: Packing
     medium: str
@@ -136,7 +136,7 @@ class ContactState(Result):
     def _found(self) -> dict[Any, Any]:
         return {}
 
-    def said_units(self) -> dict[str, str]:
+    def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute: those of pressure and density depend on the number of periods of the lattice."""
         return {**self.units, **self.packing.structure.units_of({"pressure", "effective_density"})}
 

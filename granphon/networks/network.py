@@ -91,7 +91,7 @@ class ContactNetwork(Result):
         "normal_stiffness": "N/m", "shear_stiffness": "N/m", "torsion_stiffness": "N m", "bending_stiffness": "N m",
         "arm_i": "m", "arm_j": "m", "tangential_force": "N",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "cell": "3 3", "positions": "n 3", "radii": "n", "masses": "n", "inertias": "n", "i": "c", "j": "c", "shift": "c 3",
         "normal": "c 3", "normal_force": "c", "normal_stiffness": "c", "shear_stiffness": "c", "torsion_stiffness": "c",
         "bending_stiffness": "c", "arm_i": "c", "arm_j": "c", "labels": "n?",
@@ -130,7 +130,7 @@ class ContactNetwork(Result):
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
-        for name, layout in self.shapes.items():
+        for name, layout in self._shapes.items():
             values = getattr(self, name)
             if not (values is None and layout.endswith("?")):
                 given[name] = read_only((read_whole_numbers if name in _WHOLE else real_array)(name, values))
@@ -139,11 +139,11 @@ class ContactNetwork(Result):
         for name, values in given.items():
             object.__setattr__(self, name, values)
         super().__post_init__()
-        self.check()
+        self._check()
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
-        super().check()
+        super()._check()
         motions = allowed_motions(self.dimension)
         if self.motions not in motions:
             what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
@@ -198,7 +198,7 @@ class ContactNetwork(Result):
     @property
     def contact_fields(self) -> tuple[str, ...]:
         """Names of the fields that have one entry for each contact."""
-        return tuple(n for n, layout in self.shapes.items() if layout[0] == "c" and getattr(self, n) is not None)
+        return tuple(n for n, layout in self._shapes.items() if layout[0] == "c" and getattr(self, n) is not None)
 
     # -- its parts --------------------------------------------------------------------------------------------------
 

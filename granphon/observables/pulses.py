@@ -43,7 +43,7 @@ class PulseVelocities(Result):
     """
 
     units = {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
-    shapes = {"branches": "b", "direction": "p|n p"}
+    _shapes = {"branches": "b", "direction": "p|n p"}
 
     branches: tuple[str, ...]
     phase: Array

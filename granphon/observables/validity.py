@@ -163,7 +163,7 @@ class Check(Result):
     at_least : whether the limit is a lower one.
     """
 
-    shapes = {"value": "..."}
+    _shapes = {"value": "..."}
 
     name: str
     meaning: str
@@ -205,7 +205,7 @@ class Validity(Result):
     checks : the conditions, each with the value that the state has and the limit.
     """
 
-    shown = ("ok", "warnings")
+    _notebook_fields = ("ok", "warnings")
 
     checks: tuple[Check, ...]
 

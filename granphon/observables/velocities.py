@@ -79,9 +79,9 @@ class SoundVelocities(Result):
         "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
         "out_of_plane": "m/s", "velocities": "m/s", "twist": "m/s",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "longitudinal": "...?", "transverse": "...|... 2?", "direction": "p|n p", "longitudinal_error": "...?",
-        "transverse_error": "...|... 2?", "out_of_plane": "...?", "velocities": "... u?", "polarisations": "... u u?",
+        "transverse_error": "...|... 2?", "out_of_plane": "...?", "velocities": "... u", "polarisations": "... u u",
         "twist": "...?",
     }  # fmt: skip
 
@@ -89,24 +89,20 @@ class SoundVelocities(Result):
     transverse: Any
     direction: Array
     warnings: tuple[str, ...]
+    velocities: Array
+    polarisations: Array
     longitudinal_error: Any = None
     transverse_error: Any = None
     out_of_plane: Any = None
-    velocities: Any = None
-    polarisations: Any = None
     twist: Any = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of ``velocities``."""
-        super().check()
-        if self.velocities is None:  # written before there were other lattices than those in the plane
-            complete = self.longitudinal is not None and self.transverse is not None
-        else:
-            load, count = np.shape(self.velocities)[:-1], self._count_transverse()
-            shapes = [None, load, (*load, 2)]
-            found = None if self.transverse is None else np.shape(self.transverse)
-            complete = 0 <= count <= 2 and found == shapes[count]
-        if not complete:
+        super()._check()
+        load, count = np.shape(self.velocities)[:-1], self._count_transverse()
+        shapes = [None, load, (*load, 2)]
+        found = None if self.transverse is None else np.shape(self.transverse)
+        if not 0 <= count <= 2 or found != shapes[count]:
             raise InputError(message("the SoundVelocities data lack a wave that 'velocities' has, or have one more"))
 
     @property
@@ -131,8 +127,6 @@ class SoundVelocities(Result):
 
     def _count_transverse(self) -> int:
         """Return the number of transverse waves: all waves but those with other names."""
-        if self.velocities is None:
-            return 1
         others = (self.longitudinal, self.out_of_plane)
         return int(np.shape(self.velocities)[-1]) - sum(one is not None for one in others)
 
@@ -221,7 +215,7 @@ class AveragedModuli(Result):
     """
 
     units = {"bulk": "Pa", "shear": "Pa"}
-    shapes = {"bulk": "...", "shear": "..."}
+    _shapes = {"bulk": "...", "shear": "..."}
 
     bulk: Any
     shear: Any
@@ -249,11 +243,11 @@ class Moduli(Result):
         "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
         "tensor_error": "Pa", "anisotropy_error": "1",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "tensor": "... 3 3|... 6 6|... 1 1", "bulk_error": "...?", "shear_error": "...?",
         "tensor_error": "... 3 3|... 6 6|... 1 1?", "anisotropy_error": "...?",
     }  # fmt: skip
-    shown = ("bulk", "shear")
+    _notebook_fields = ("bulk", "shear")
 
     tensor: Array
     isotropic: bool
@@ -264,7 +258,7 @@ class Moduli(Result):
     anisotropy_error: Any = None
     cubic: bool = False
 
-    def said_units(self) -> dict[str, str]:
+    def _field_units(self) -> dict[str, str]:
         """The SI unit of each field: of moduli N on a line, else Pa."""
         return {name: "N" if unit == "Pa" and self.periods == 1 else unit for name, unit in self.units.items()}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -86,7 +86,7 @@ class Bands(Result):
     """
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
-    shapes = {
+    _shapes = {
         "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d",
         "eigenvectors": "s p m b", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n",
     }  # fmt: skip
@@ -109,22 +109,20 @@ class Bands(Result):
         super().__post_init__()
         if not self.pbc:
             object.__setattr__(self, "pbc", (True,) * self.periods)
-        if self.eigenvectors.shape[2] == len(self.motions.translations) * len(self.masses):
-            object.__setattr__(self, "motions", replace(self.motions, rotations=()))
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Check shapes, and that all numbers are finite and can be those of bands.
 
         Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, wave vectors and the
         vectors of the cell lie where the periods of the lattice do, and eigenvectors, of a component for each motion of
         each ball, have the length one.
         """
-        super().check()
+        super()._check()
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
             raise InputError(message(what, mend=f"Give {self.motions.count} for each ball"))
-        self.check_finite()
+        self._require_finite()
         lengths, p = np.linalg.norm(self.eigenvectors, axis=2), self.periods
         leaves = bool(np.any(self.qpoints[..., p:])) or bool(np.any(self.cell[:p, p:])) or bool(np.any(self.cell[p:, :p]))
         # the lowest frequencies are roots of rounding errors, so that neighbours may be out of order by as much
@@ -333,7 +331,7 @@ class Bands(Result):
                 coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
                 tuple(own.get("pbc", ())),
             )  # fmt: skip
-            found.check()
+            found._check()
             if not np.allclose(_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):
                 raise InputError("Its reciprocal_lattice is not that of its lattice")
         if not verified:

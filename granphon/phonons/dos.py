@@ -45,7 +45,7 @@ class DensityOfStates(Result):
     """
 
     units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
-    shapes = {"frequencies": "n", "translational": "n", "rotational": "n"}
+    _shapes = {"frequencies": "n", "translational": "n", "rotational": "n"}
 
     frequencies: Array
     translational: Array
@@ -54,10 +54,10 @@ class DensityOfStates(Result):
     mesh: tuple[int, ...]
     warnings: tuple[str, ...] = ()
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Check the shapes, that numbers are finite, that frequencies ascend from zero, and that no density is below it."""
-        super().check()
-        self.check_finite()
+        super()._check()
+        self._require_finite()
         parts = np.stack([self.translational, self.rotational])
         for holds, what in (
             (self.frequencies.size > 0, "there is no frequency"),
@@ -108,7 +108,7 @@ class DensityOfStates(Result):
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)
             mesh = tuple(map(int, words[2].split()))
             found = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
-            found.check()
+            found._check()
             if not np.array_equal(found.total, total):
                 raise InputError("The total is not the sum of its parts")
         if not verified:

@@ -40,7 +40,7 @@ class SampleRecord(Result):
         "contact_force_fluctuation": "1", "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
         **HISTORY_UNITS,
     }  # fmt: skip
-    shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
+    _shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
 
     force: float
     boundary_force: float

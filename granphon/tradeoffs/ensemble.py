@@ -73,7 +73,7 @@ class Ensemble(Result):
     """
 
     units: ClassVar[dict[str, str]] = {"overlaps": "m", "errors": "1", "noise": "1"}
-    shapes = {"values": "n 3", "errors": "n 3", "noise": "n 3", "overlaps": "n"}
+    _shapes = {"values": "n 3", "errors": "n 3", "noise": "n 3", "overlaps": "n"}
 
     values: Array
     errors: Array

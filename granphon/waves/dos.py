@@ -50,7 +50,7 @@ class SpectralDensity(Refinable["_Traces | _Lines"], Result):
         "frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz", "error": "1/Hz",
         "translational_error": "1/Hz", "rotational_error": "1/Hz", "top": "Hz",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "frequencies": "n", "translational": "n", "rotational": "n", "error": "n", "translational_error": "n",
         "rotational_error": "n",
     }  # fmt: skip
@@ -66,9 +66,9 @@ class SpectralDensity(Refinable["_Traces | _Lines"], Result):
     vectors: int
     seed: int
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Check the shapes, and that the points are those of the moments."""
-        super().check()
+        super()._check()
         Kernel.of(self.top, moments=self.moments).check_points(self.frequencies)
 
     @property

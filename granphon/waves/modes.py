@@ -39,7 +39,7 @@ class NetworkModes(Result):
     """
 
     units = {"frequencies": "Hz"}
-    shapes = {"frequencies": "m", "vectors": "m n c"}
+    _shapes = {"frequencies": "m", "vectors": "m n c"}
 
     frequencies: Array
     vectors: Array
@@ -58,23 +58,13 @@ class NetworkModes(Result):
     @property
     def participation_ratio(self) -> Array:
         """(m,) (sum e)^2 / (N sum e^2) of the kinetic energies e of the N balls that move: from 1/N, if one moves, to 1."""
-        return self._ratio(self._energies.sum(axis=2))
-
-    @property
-    def translational_participation_ratio(self) -> Array:
-        """(m,) the same of the energies of displacements alone; zero for a mode without displacements."""
-        return self._ratio(self._energies[..., 0])
+        energies = self._energies.sum(axis=2)
+        return np.asarray(energies.sum(axis=1) ** 2 / (self.moving * np.sum(energies**2, axis=1)))
 
     @property
     def rotational_fraction(self) -> Array:
         """(m,) share of rotations in the kinetic energy."""
         return np.asarray(self._energies[..., 1].sum(axis=1))
-
-    def _ratio(self, energies: Array) -> Array:
-        whole, squares = energies.sum(axis=1), np.sum(energies**2, axis=1)
-        found = np.zeros(len(energies))
-        np.divide(whole**2, self.moving * squares, out=found, where=squares > 0.0)
-        return found
 
 
 def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> NetworkModes:

@@ -50,7 +50,7 @@ class PathSpectra(Result):
     """
 
     units = {"corners": "1/m", "distances": "1/m", "band_distances": "1/m", "bands": "Hz"}
-    shapes = {"corners": "c", "labels": "c", "distances": "n", "band_distances": "b", "bands": "b m"}
+    _shapes = {"corners": "c", "labels": "c", "distances": "n", "band_distances": "b", "bands": "b m"}
 
     corners: Array
     labels: tuple[str, ...]

@@ -71,7 +71,7 @@ class Pulse(Result):
         "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
         "echo": "m", "fastest": "m/s",
     }  # fmt: skip
-    shapes = {
+    _shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
         "signals": "r t", "plane_distances": "p", "planes": "p t|p", "frames": "f", "velocities": "f n 3|f", "energies": "2",
         "fastest": "2",

@@ -51,7 +51,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     """
 
     units = {"q": "1/m", "shortest": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
-    shapes = {"q": "n d", "shortest": "n d?", "frequencies": "f", "values": "n f"}
+    _shapes = {"q": "n d", "shortest": "n d?", "frequencies": "f", "values": "n f"}
 
     q: Array
     polarisation: str
@@ -62,9 +62,9 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     moments: int
     shortest: Array | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Check the shapes, and that the points are those of the moments."""
-        super().check()
+        super()._check()
         self._kernel.check_points(self.frequencies)
 
     @cached_property
