@@ -340,33 +340,28 @@ def _require_sound(base: sqlite3.Connection) -> None:
 
 # -- whose results they are -----------------------------------------------------------------------------------------
 def _explain_difference(there: Any, here: Any) -> str:
-    """Say how the work there differs from the one here."""
+    """Say how the work there differs from the one here, by the first few places where they do."""
     if here is None:
         return "This work has no parts that are kept, and its result would stand beside it"
-    differences = "; ".join(_describe_differences(there, here))
-    return f"They differ: {differences}" if there else "The file does not say which work it belongs to"
-
-
-def _describe_differences(there: Any, here: Any) -> list[str]:
-    """Describe the first few places where plain data differ."""
+    if not there:
+        return "The file does not say which work it belongs to"
     found = list(_find_differences(there, here, ""))
-    more = len(found) - _MOST_NAMED
-    return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])
+    more = [f"and {len(found) - _MOST_NAMED} more"] if len(found) > _MOST_NAMED else []
+    return f"They differ: {'; '.join(found[:_MOST_NAMED] + more)}"
 
 
 def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(here, dict):
-        for key in [*there, *(key for key in here if key not in there)]:
+        for key in there | here:
             name = f"{where}.{key}" if where else str(key)
-            if key not in here or key not in there:
-                yield f"{name} is given {'there' if key in there else 'here'} only"
-            else:
+            if key in there and key in here:
                 yield from _find_differences(there[key], here[key], name)
+            else:
+                yield f"{name} is given {'there' if key in there else 'here'} only"
     elif isinstance(there, list) and isinstance(here, list):
         if len(there) != len(here):
             yield f"{where} has {len(there)} values there, and {len(here)} here"
-        else:
-            for index, (one, other) in enumerate(zip(there, here, strict=True)):
-                yield from _find_differences(one, other, f"{where}[{index}]")
+        for index, (one, other) in enumerate(zip(there, here, strict=False) if len(there) == len(here) else ()):
+            yield from _find_differences(one, other, f"{where}[{index}]")
     elif there != here:
         yield f"{where} is {show(there)} there, and {show(here)} here"
