@@ -23,7 +23,7 @@ from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["LOADS_OF_AXES", "Run", "SingleState"]
 
