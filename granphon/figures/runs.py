@@ -23,7 +23,7 @@ from granphon.phonons.dos import DensityOfStates
 from granphon.sweeps.dataset import find_dataset
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["LOADS_OF_AXES", "Run"]
 

@@ -20,7 +20,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.sweeps.dataset import list_finite_overlap
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = [
     "describe_lines", "drop_directions", "find_load", "is_simulated", "list_combinations",

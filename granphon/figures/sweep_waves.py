@@ -27,7 +27,7 @@ from granphon.figures.sweep_lines import find_load, list_combinations, write_lab
 from granphon.figures.zones import print_label
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["plot_sweep_attenuation", "plot_sweep_dispersion", "plot_sweep_dos", "sweep_dos_figure", "sweep_spectra_figure"]
 

@@ -36,7 +36,7 @@ from granphon.figures.words import join_facts
 from granphon.observables.catalogue import CATALOGUE, axis_label
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
 

@@ -71,7 +71,10 @@ class Truth:
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> Self:
-        """Return the arrays that options of a medium name: loaded with friction with a coefficient, else at rest without."""
+        """Return the arrays that ``options`` of a medium name: loaded with friction if they have its coefficient.
+
+        Numbers are without a unit.
+        """
         return cls(options.get("friction_coefficient"), options.get("shear_response", cls.shear_response))
 
     @property

@@ -26,7 +26,7 @@ from granphon.sweeps.store import TaskResult
 from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from xarray import Dataset as Dataset
 
 __all__ = ["Way", "collect_identity", "fill", "find_dataset", "list_finite_overlap", "make_frame"]
 
