@@ -24,6 +24,7 @@ from ruamel.yaml import YAML
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
+from granphon.balls.loads import Load
 from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LOCK, ResultFiles
 from granphon.base.written_files import LIST
@@ -33,7 +34,7 @@ from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
 from granphon.scene.results import SweepResult
 from granphon.scene.run import is_complete
-from granphon.scene.scene import Load, Scene
+from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.entries import read_entries
 from granphon.sweeps.sweep import sweep
@@ -184,7 +185,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     out, err = capsys.readouterr()
     assert err == ""
     assert listed(work / "out") == {"scene.yaml", "summary.yaml", "sample.extxyz", "forces.png"}
-    assert set(expected_files(Scene.from_text(text))) == listed(work / "out")
+    assert set(expected_files(Scene.from_text(text).plan)) == listed(work / "out")
     scene = Scene.from_yaml("out/scene.yaml")
     assert scene == Scene.from_text(text)
     medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
@@ -385,7 +386,7 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
 def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
     text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
     scene = Scene.from_text(text)
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
+    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
     scene.run("out")
     assert listed(work / "out") == ALL - {"sweep.png"}
     (work / "scene.yaml").write_text(text)
@@ -399,8 +400,8 @@ def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
         lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
         assert (f"{heading} {said}" in lines) == told
     one = Scene.from_text(text.replace("[true, false]", "[true]"))
-    assert "sweep.png" in expected_files(one)
-    assert "sweep.png" not in expected_files(one, figures=False)
+    assert "sweep.png" in expected_files(one.plan)
+    assert "sweep.png" not in expected_files(one.plan, figures=False)
 
 
 def test_many_measured_diameters_are_kept_with_the_result(work):
@@ -409,7 +410,7 @@ def test_many_measured_diameters_are_kept_with_the_result(work):
     text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
     (work / "scene.yaml").write_text(text)
     scene = Scene.from_yaml("scene.yaml")
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv")
+    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "diameters.csv")
     result = scene.run("out")
     assert listed(work / "out") == {"scene.yaml", "summary.yaml", "diameters.csv"}
     assert Scene.from_yaml("out/scene.yaml") == scene
@@ -1043,7 +1044,7 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     )
     scene = Scene.from_text(text)
     assert scene.has_tasks
-    state, expected = solve_state(scene.rung, True), scene.state()
+    state, expected = solve_state(scene.plan.rung, True), scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
@@ -1080,7 +1081,7 @@ def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
     path = work / "out" / name
     path.write_bytes(path.read_bytes()[:-1] if damage is None else damage)
     capsys.readouterr()
-    assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
+    assert not is_complete(Scene.from_yaml("scene.yaml").plan, "out")
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)

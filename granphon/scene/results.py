@@ -24,10 +24,9 @@ from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism
 from granphon.waves.settings import POLARISATIONS, WAVES
 
 if TYPE_CHECKING:
-    from xarray import Dataset
-
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
     from granphon.scene.sample_waves import SampleWaves
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["RunResult", "SweepResult"]
 

@@ -21,9 +21,10 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis
 from granphon.observables.validity import validity
 from granphon.observables.velocities import moduli
+from granphon.scene.fields import DIAMETERS_FILE
+from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
-    DIAMETERS_FILE,
     RESULT_FILES,
     WAVE_FILES,
     WORK_FILE,
@@ -31,6 +32,7 @@ from granphon.scene.result_files import (
     list_files,
 )
 from granphon.scene.results import RunResult, SweepResult
+from granphon.scene.specification import Specification
 from granphon.sweeps.samples import solve_state
 from granphon.sweeps.store import Store, open_store
 from granphon.sweeps.workers import packages
@@ -39,7 +41,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
-    from granphon.scene.scene import Scene
 
 __all__ = ["is_complete", "run"]
 
@@ -48,7 +49,7 @@ SUMMARY_SCHEMA = 1
 
 
 def run(
-    scene: Scene,
+    plan: Plan,
     folder: str | os.PathLike[str],
     *,
     force: bool = False,
@@ -57,11 +58,11 @@ def run(
     resume: bool = False,
     executor: Executor | None = None,
 ) -> RunResult | SweepResult:
-    """Compute what ``scene`` observes, and only that, and write it into ``folder``.
+    """Compute what a scene observes, and only that, and write it into ``folder``.
 
     Parameters
     ----------
-    scene : what to compute.
+    plan : of the scene.
     folder : folder of the results, made if it does not exist. No other run can write into it meanwhile. If anything fails it
         is left as it was found, except that finished tasks stay in one file, from which the same scene goes on.
     force : replace an earlier result, remove its files that this scene does not write, and discard the finished part of
@@ -84,16 +85,16 @@ def run(
     GranphonError : the computation fails; then no result has been written. If a path of loads with friction ends early, the
         loads before it are in sweep_incomplete.nc and sweep_incomplete.csv, and ``reached`` of the error is their data set.
     """
-    target, (names, drawn) = Path(folder), list_files(scene)
+    scene, target, (names, drawn) = plan.scene, Path(folder), list_files(plan)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
-    if resume and not force and scene.is_sweep and is_complete(scene, target):
+    if resume and not force and scene.is_sweep and is_complete(plan, target):
         from granphon.sweeps.archive import load_sweep
 
         there = tuple(target / name for name in every if (target / name).exists())
         return SweepResult(target, load_sweep(target / "sweep.nc"), there)
     if not scene.is_sweep:
-        scene.plan.require_waves()
+        plan.require_waves()
     text = scene.to_yaml()
     result: RunResult | SweepResult
     with (
@@ -102,7 +103,7 @@ def run(
     ):
         if scene.is_sweep:
             try:
-                result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+                result = SweepResult(target, plan.sweep(progress, executor, store=store), ())
             except GranphonError as error:
                 if error.reached is None:
                     raise
@@ -110,9 +111,9 @@ def run(
 
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
         else:
-            state = _find_state(scene, progress, executor, store)
-            with scene.plan.origin.where_it_buckles():
-                result = _observe(scene, state, target, progress)
+            state = _find_state(plan, progress, executor, store)
+            with plan.origin.where_it_buckles():
+                result = _observe(plan, state, target, progress)
         used = versions("numpy", "scipy", *result.packages)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
@@ -133,35 +134,35 @@ def run(
     return result
 
 
-def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds every file but figures of a run of ``scene``, made with the installed versions of packages.
+def is_complete(plan: Plan, folder: str | os.PathLike[str]) -> bool:
+    """Whether ``folder`` holds every file but figures of a run, made with the installed versions of packages.
 
     A file that was changed after the run counts as missing.
     """
     target, written = Path(folder), read_written_files(folder)
-    if not all(name in written for name in expected_files(scene, figures=False)):
+    if not all(name in written for name in expected_files(plan, figures=False)):
         return False
     try:
         made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
-        if type(scene)(**Origin.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
+        if type(plan.scene)(**Origin.of_file(target / "scene.yaml").read()) != plan.scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False
-    return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
+    return all(is_written(target / name, written[name]) for name in expected_files(plan, figures=False))
 
 
-def _find_state(scene: Scene, progress: Progress, executor: Executor | None, store: Store) -> ContactState:
+def _find_state(plan: Plan, progress: Progress, executor: Executor | None, store: Store) -> ContactState:
     """Find the state of a scene that has one; the samples of a simulation are tasks, whose results the store keeps."""
-    if not scene.has_tasks:
+    if not plan.has_tasks:
         store.claim(None)
-        return scene.state()
-    with scene.plan.place_errors():
-        return solve_state(scene.rung, "velocities" in scene.observe, executor, progress, store)
+        return plan.state()
+    with plan.place_errors():
+        return solve_state(plan.rung, "velocities" in plan.scene.observe, executor, progress, store)
 
 
-def _observe(scene: Scene, state: ContactState, target: Path, progress: Progress) -> RunResult:
+def _observe(plan: Plan, state: ContactState, target: Path, progress: Progress) -> RunResult:
     """Compute what a scene observes of its one state; none of the files is written yet."""
-    report = validity(state)
+    scene, report = plan.scene, validity(state)
     velocities, constants = None, None
     if "velocities" in scene.observe:
         constants = moduli(state) if "longitudinal" in state.wave_names else None
@@ -172,7 +173,7 @@ def _observe(scene: Scene, state: ContactState, target: Path, progress: Progress
         from granphon.scene.sample_waves import find_sample_waves
 
         waves = find_sample_waves(scene, state, progress)
-    rung = scene.rung
+    rung = plan.rung
     medium = rung.medium.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     load = scene.load.applied.kind
@@ -186,7 +187,7 @@ def _observe(scene: Scene, state: ContactState, target: Path, progress: Progress
 
 
 def _compute_spectra(
-    scene: Scene, state: ContactState, progress: Progress
+    scene: Specification, state: ContactState, progress: Progress
 ) -> tuple[Phonons | None, Bands | None, DensityOfStates | None]:
     if not {"bands", "dos"} & set(scene.observe):
         return None, None, None
@@ -205,7 +206,7 @@ def _compute_spectra(
     return phonons, bands, dos
 
 
-def _write_summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, str]) -> str:
+def _write_summary(result: RunResult | SweepResult, scene: Specification, used: Mapping[str, str]) -> str:
     numbers = result.summary()
     limits: dict[str, Any] = {}
     if isinstance(result, RunResult):

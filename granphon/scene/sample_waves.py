@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from granphon.base.progress import Progress, Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
 from granphon.media.state import ContactState
+from granphon.scene.specification import Specification
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra, find_path_spectra
 from granphon.waves.pulses import Pulse, average_pulses
 from granphon.waves.sending import Sending, transmit
 from granphon.waves.settings import PulseSettings
 from granphon.waves.waves import Waves
-
-if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
 
 __all__ = ["SampleWaves", "draw_waves", "find_sample_waves"]
 
@@ -125,7 +123,7 @@ def draw_waves(name: str, result: Any) -> Any:
     return spectrum_figure(result) if name == "spectrum.png" else sample_dos_figure(result)
 
 
-def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> SampleWaves | None:
+def find_sample_waves(scene: Specification, state: ContactState, progress: Progress) -> SampleWaves | None:
     """Find what the scene observes of the waves in the samples of the state; None if that is nothing."""
     wanted = {"dos", "spectrum", "pulse"} & set(scene.observe)
     if not (wanted and state.samples):
