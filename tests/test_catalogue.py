@@ -10,10 +10,11 @@ import yaml
 from matplotlib.figure import Figure
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.cli.wording import describe_result
 from granphon.figures.sweeps import plot_sweep
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, axis_label, find_all
-from granphon.scene.scene import Load, Scene
+from granphon.scene.scene import Scene
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))

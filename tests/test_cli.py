@@ -18,7 +18,6 @@ from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.commands import main
 from granphon.scene.result_files import expected_files
-from granphon.scene.run import run
 from granphon.scene.scene import Scene
 
 SCENE = """\
@@ -602,10 +601,10 @@ def test_expected_files_are_those_written(work):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     scene = Scene.from_yaml("scene.yaml")
     result = scene.run("out", figures=False)
-    assert tuple(path.name for path in result.files) == expected_files(scene, figures=False)
-    assert set(expected_files(scene)) - set(expected_files(scene, figures=False)) == {"bands.png"}
+    assert tuple(path.name for path in result.files) == expected_files(scene.plan, figures=False)
+    assert set(expected_files(scene.plan)) - set(expected_files(scene.plan, figures=False)) == {"bands.png"}
     alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
-    assert expected_files(alone) == (*ALONE, "dos.csv", "dos.png")
+    assert expected_files(alone.plan) == (*ALONE, "dos.csv", "dos.png")
 
 
 def test_a_failing_computation_leaves_nothing(work, capsys):
@@ -666,7 +665,7 @@ def test_a_full_disk(work, capsys, monkeypatch, existing):
 
 def test_output_errors_are_built_in_errors_too(work):
     with pytest.raises(OSError, match="not a folder") as caught:
-        run(Scene.from_yaml("scene.yaml"), work / "scene.yaml")
+        Scene.from_yaml("scene.yaml").run(work / "scene.yaml")
     assert isinstance(caught.value, OutputError)
 
 

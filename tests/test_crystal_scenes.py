@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError, InstabilityError, MechanismError, SceneError, UnverifiedFileWarning
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
@@ -24,7 +25,7 @@ from granphon.cli.wording import describe_result, describe_scene
 from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.scene.run import is_complete
-from granphon.scene.scene import Load, Scene
+from granphon.scene.scene import Scene
 from granphon.sweeps import archive
 
 MATERIAL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
@@ -270,8 +271,8 @@ def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
     )
     assert [row["direction"] for row in rows[: len(ways)]] == data["direction"].values.tolist()
     # the same sweep goes on from its file; another direction is another sweep
-    assert is_complete(scene, tmp_path / "s")
-    assert not is_complete(Scene.from_text(text.replace("direction: [[", "direction: [[-")), tmp_path / "s")
+    assert is_complete(scene.plan, tmp_path / "s")
+    assert not is_complete(Scene.from_text(text.replace("direction: [[", "direction: [[-")).plan, tmp_path / "s")
 
 
 def test_one_direction_of_a_sweep_is_told_in_its_files(tmp_path):

@@ -141,4 +141,4 @@ def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):
     )
     assert scene.state().medium == "ema"
     with pytest.raises(AssertionError, match="nobody asked"):
-        _ = scene.rung.errors
+        _ = scene.plan.rung.errors

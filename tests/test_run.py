@@ -26,6 +26,7 @@ from numpy.testing import assert_array_equal
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
+from granphon.balls.loads import Load
 from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.commands import main
@@ -34,7 +35,7 @@ from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
 from granphon.scene.results import RunResult
 from granphon.scene.run import is_complete
-from granphon.scene.scene import Load, Scene
+from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.store import read_entries
 from granphon.sweeps.sweep import sweep
@@ -185,7 +186,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     out, err = capsys.readouterr()
     assert err == ""
     assert listed(work / "out") == {*(ALL - {"sweep.png"}), "sample.extxyz", "forces.png"}
-    assert set(expected_files(Scene.from_text(text))) == listed(work / "out")
+    assert set(expected_files(Scene.from_text(text).plan)) == listed(work / "out")
     scene = Scene.from_yaml("out/scene.yaml")
     assert scene == Scene.from_text(text)
     medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
@@ -386,7 +387,7 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
 def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
     text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
     scene = Scene.from_text(text)
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
+    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
     scene.run("out")
     assert listed(work / "out") == ALL - {"sweep.png"}
     (work / "scene.yaml").write_text(text)
@@ -400,8 +401,8 @@ def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
         lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
         assert (f"{heading} {said}" in lines) == told
     one = Scene.from_text(text.replace("[true, false]", "[true]"))
-    assert "sweep.png" in expected_files(one)
-    assert "sweep.png" not in expected_files(one, figures=False)
+    assert "sweep.png" in expected_files(one.plan)
+    assert "sweep.png" not in expected_files(one.plan, figures=False)
 
 
 def test_many_measured_diameters_are_kept_with_the_result(work):
@@ -410,7 +411,7 @@ def test_many_measured_diameters_are_kept_with_the_result(work):
     text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
     (work / "scene.yaml").write_text(text)
     scene = Scene.from_yaml("scene.yaml")
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
+    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
     result = scene.run("out")
     assert listed(work / "out") == {*(ALL - {"sweep.png"}), "diameters.csv"}
     assert Scene.from_yaml("out/scene.yaml") == scene
@@ -1086,7 +1087,7 @@ def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
     path = work / "out" / name
     path.write_bytes(path.read_bytes()[:-1] if damage is None else damage)
     capsys.readouterr()
-    assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
+    assert not is_complete(Scene.from_yaml("scene.yaml").plan, "out")
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)

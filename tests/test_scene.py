@@ -15,12 +15,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import granphon as gp
+from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, OutputError, PrecisionError, Refused, SceneError
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
+from granphon.phonons.paths import BandPath
 from granphon.scene.fields import SCALES, space_evenly
-from granphon.scene.scene import BandPath, Load, Scene, force_of_frame
+from granphon.scene.scene import Scene
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 PRESETS = Path(gp.__file__).parent / "data"

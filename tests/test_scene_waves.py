@@ -39,7 +39,7 @@ def test_files_hold_what_the_library_finds(done):
     names = {path.name for path in result.files}
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
-        assert f"{stem}.png" in expected_files(scene)
+        assert f"{stem}.png" in expected_files(scene.plan)
         assert read_waves(folder / f"{stem}.json") == result.waves._results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos

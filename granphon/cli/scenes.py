@@ -88,7 +88,7 @@ def check_scene(scene: SceneFile) -> None:
     rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")
     say_table(rows)
-    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))]
+    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read.plan)))]
     undrawn = tell_undrawn(read)
     say_table(rows + [("will not draw", undrawn)] * bool(undrawn))
     warn(warnings)
@@ -137,7 +137,7 @@ def run_scene(
 
     def left() -> str:
         """Describe what an interruption has left in the folder."""
-        if is_complete(read, out):
+        if is_complete(read.plan, out):
             return f"{out} holds the whole result of this scene."
         kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
         return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
@@ -145,7 +145,7 @@ def run_scene(
     require_name("--out", out)
     require_workers(workers, scheduler)
     read = Scene.from_yaml(scene)
-    if resume and not force and is_complete(read, out):
+    if resume and not force and is_complete(read.plan, out):
         if not quiet:
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return

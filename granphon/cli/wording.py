@@ -81,14 +81,14 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
     if not scene.is_sweep and scene.media[0].is_automatic:
-        rows.append(("chosen", describe_choice(scene.rung)))
+        rows.append(("chosen", describe_choice(scene.plan.rung)))
     if scene.is_sweep:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
         states = math.prod(count for count, *_ in sizes)
         counts = " x ".join(counted(*one) for one in sizes)
         rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
-    elif scene.rung.is_quick:
+    elif scene.plan.rung.is_quick:
         state = scene.state()
         rows += [
             ("contact", f"force {write_quantity(state.force, 'N')}, overlap {write_quantity(state.overlap, 'm')}"),

@@ -51,6 +51,8 @@ SCALES = ("log", "linear")
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
 MOST_DIAMETERS = 1000
+#: name of that table
+DIAMETERS_FILE = "diameters.csv"
 
 AnySpread = Uniform | Normal | Discrete | Measured
 #: where the balls of a lattice of one, two or three dimensions lie

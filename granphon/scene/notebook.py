@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.balls.packing import describe_packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.quantities import load_quantities
-
-if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
+from granphon.scene.specification import Specification
 
 __all__ = ["write_scene"]
 
 
-def write_scene(scene: Scene) -> str:
+def write_scene(scene: Specification) -> str:
     """Return a table of what a scene says, in SI units; no state is computed."""
     from granphon.figures.words import describe_medium
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, MechanismError, message
+from granphon.base.progress import Progress
 from granphon.laws.cluster import ClusterLaw
 from granphon.media import cost as costs
 from granphon.media.cases import Case, Grid
@@ -32,10 +33,13 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.scene.reader import Origin
+from granphon.scene.specification import Specification
 from granphon.waves.settings import READINGS, WaveSettings
 
 if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
+    from concurrent.futures import Executor
+
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["Plan", "PlannedCase"]
 
@@ -143,13 +147,13 @@ class PlannedCase:
 class Plan:
     """The cases of a ``scene``: its media at every combination of values of its ``axes``, under its ``load``."""
 
-    scene: Scene
+    scene: Specification
     origin: Origin
     axes: tuple[Axis, ...]
     load: Load
 
     @classmethod
-    def of(cls, scene: Scene, origin: Origin) -> Plan:
+    def of(cls, scene: Specification, origin: Origin) -> Plan:
         """Make the plan of a scene, with all its parameters and loads."""
         return cls(scene, origin, tuple(Axis(*axis) for axis in scene.parameters), scene.load)
 
@@ -198,6 +202,20 @@ class Plan:
         if self.scene.is_sweep:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
         return self.cases[0]
+
+    @property
+    def rung(self) -> Rung:
+        """The medium of a scene of one state, and its expected error; an automatic medium has made its choice.
+
+        :class:`~granphon.base.errors.InputError` if none can be chosen, or if the scene is a sweep.
+        """
+        (rung,) = self.case.rungs
+        return rung
+
+    @property
+    def has_tasks(self) -> bool:
+        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
+        return self.scene.is_sweep or self.rung.medium.simulates
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
@@ -285,6 +303,13 @@ class Plan:
 
     # -- states ---------------------------------------------------------------------------------------------------------
 
+    def state(self) -> ContactState:
+        """See :meth:`granphon.scene.scene.Scene.state`."""
+        case = self.case
+        _ = case.rungs  # first, so that an error in choosing the medium is not placed at the load
+        with case.at_load(0):
+            return case.state
+
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
         """See :meth:`granphon.scene.scene.Scene.states`."""
         for one in self.cases:
@@ -322,6 +347,14 @@ class Plan:
             if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation) and not rung.chosen
             for warning in expect_warnings(medium, rung.load)
         ]
+
+    def sweep(self, progress: Progress, executor: Executor | None = None, **options: Any) -> Dataset:
+        """See :meth:`granphon.scene.scene.Scene.sweep`."""
+        from granphon.sweeps.sweep import sweep_grid
+
+        self.require_waves()
+        with self.place_errors():
+            return sweep_grid(self.grid, progress=progress, executor=executor, **options | self.scene.bands)
 
     # -- cost -----------------------------------------------------------------------------------------------------------
 

@@ -27,22 +27,19 @@ diameters.csv          the measured diameters, if they are too many for scene.ya
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.text import read_yaml, require_schema
-
-if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
+from granphon.scene.fields import DIAMETERS_FILE
+from granphon.scene.plan import Plan
+from granphon.scene.specification import Specification
 
 __all__ = [
-    "DIAMETERS_FILE", "RESULT_FILES", "SAMPLE_TABLES", "SUMMARY_SCHEMA", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE",
-    "draw_sweep", "expected_files", "figure_name", "list_files", "read_summary", "tell_undrawn", "wave_figures",
-    "wave_files",
+    "RESULT_FILES", "SAMPLE_TABLES", "SUMMARY_SCHEMA", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE", "draw_sweep",
+    "expected_files", "figure_name", "list_files", "read_summary", "tell_undrawn", "wave_figures", "wave_files",
 ]  # fmt: skip
 
-#: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
-DIAMETERS_FILE = "diameters.csv"
 #: tables of the balls and contacts of a sample that was loaded with friction
 SAMPLE_TABLES = ("sample_balls.csv", "sample_contacts.csv")
 #: what a scene observes of the waves in the samples of a simulation, with the files of numbers that it gives
@@ -95,13 +92,13 @@ def wave_figures(observe: tuple[str, ...]) -> list[str]:
     return [name.replace(".json", ".png") for name in wave_files(observe) if name.endswith(".json")]
 
 
-def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
-    """Names of the files that a run of ``scene`` writes."""
-    numbers, drawn = list_files(scene)
+def expected_files(plan: Plan, figures: bool = True) -> tuple[str, ...]:
+    """Names of the files that a run writes."""
+    numbers, drawn = list_files(plan)
     return numbers + (drawn if figures else ())
 
 
-def tell_undrawn(scene: Scene) -> str:
+def tell_undrawn(scene: Specification) -> str:
     """Say which figure a sweep has not, and why; an empty text if it has all."""
     varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
     if not scene.is_sweep or len(varied) <= 1:
@@ -121,8 +118,9 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
 
-def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the files of numbers, and names of the figures, that a run of ``scene`` writes."""
+def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the files of numbers, and names of the figures, that a run writes."""
+    scene = plan.scene
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
     names += ["sweep.nc", "sweep.csv"]
     drawn = []
@@ -139,9 +137,9 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append("dos.csv")
     if {"bands", "dos"} & set(scene.observe):
         drawn.append(figure_name("bands" in scene.observe))
-    if scene.rung.medium.simulates:
+    if plan.rung.medium.simulates:
         names.append("sample.extxyz")
-        names += SAMPLE_TABLES if scene.rung.medium.settings["friction_history"] else ()
+        names += SAMPLE_TABLES if plan.rung.medium.settings["friction_history"] else ()
         drawn.append("forces.png")
         names += wave_files(scene.observe)
         drawn += wave_figures(scene.observe)

@@ -26,15 +26,15 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities
+from granphon.scene.plan import Plan
 from granphon.scene.result_files import SAMPLE_TABLES, SWEEP_FIGURES, draw_sweep
+from granphon.scene.specification import Specification
 from granphon.waves.settings import POLARISATIONS
 
 if TYPE_CHECKING:
-    from xarray import Dataset
-
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
     from granphon.scene.sample_waves import SampleWaves
-    from granphon.scene.scene import Scene
+    from granphon.sweeps.dataset import Dataset
 
 __all__ = ["RunResult"]
 
@@ -53,7 +53,7 @@ class RunResult:
 
     Attributes
     ----------
-    scene : what was computed.
+    plan : of the scene.
     folder, files : folder of the results, and the paths of the files written there.
     dataset : every state, with velocities, moduli and bands, as :func:`granphon.sweeps.sweep.sweep` returns it.
     phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states.
@@ -62,7 +62,7 @@ class RunResult:
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
-    scene: Scene
+    plan: Plan
     folder: Path
     dataset: Dataset
     found: ContactState | None = None
@@ -72,6 +72,11 @@ class RunResult:
     waves: SampleWaves | None = None
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
+
+    @property
+    def scene(self) -> Specification:
+        """What was asked for."""
+        return self.plan.scene
 
     # -- a single state -------------------------------------------------------------------------------------------------
 
@@ -85,7 +90,7 @@ class RunResult:
         """The only state; :class:`~granphon.base.errors.InputError` if there are several."""
         if not self.is_one_state:
             raise InputError(message(f"the result has {self.dataset['valid'].size} states", mend="Take its dataset"))
-        return self.scene.state() if self.found is None else self.found
+        return self.plan.state() if self.found is None else self.found
 
     @cached_property
     def validity(self) -> Validity:
@@ -109,12 +114,12 @@ class RunResult:
     @property
     def rung(self) -> Rung | None:
         """The medium that an automatic medium has chosen for the only state, and its error; None of another medium."""
-        return self.scene.rung if self.scene.media[0].is_automatic else None
+        return self.plan.rung if self.scene.media[0].is_automatic else None
 
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
-        medium = self.scene.rung.medium.of(self.scene.packing)
+        medium = self.plan.rung.medium.of(self.scene.packing)
         return medium.local_field if isinstance(medium, EffectiveMedium) and self.scene.packing.width else None
 
     # -- numbers --------------------------------------------------------------------------------------------------------

@@ -16,9 +16,10 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, read_yaml, versions
+from granphon.scene.fields import DIAMETERS_FILE
+from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
-    DIAMETERS_FILE,
     RESULT_FILES,
     SUMMARY_SCHEMA,
     WORK_FILE,
@@ -34,13 +35,12 @@ from granphon.sweeps.workers import packages
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from granphon.scene.scene import Scene
 
 __all__ = ["is_complete", "run"]
 
 
 def run(
-    scene: Scene,
+    plan: Plan,
     folder: str | os.PathLike[str],
     *,
     force: bool = False,
@@ -49,11 +49,11 @@ def run(
     resume: bool = False,
     executor: Executor | None = None,
 ) -> RunResult:
-    """Compute what ``scene`` observes, and only that, and write it into ``folder``.
+    """Compute what a scene observes, and only that, and write it into ``folder``.
 
     Parameters
     ----------
-    scene : what to compute.
+    plan : of the scene.
     folder : folder of the results, made if it does not exist. No other run can write into it meanwhile. If anything fails it
         is left as it was found, except that finished tasks stay in one file, from which the same scene goes on.
     force : replace an earlier result, remove its files that this scene does not write, and discard the finished part of
@@ -72,34 +72,34 @@ def run(
     GranphonError : the computation fails; then no result has been written. If a path of loads with friction ends early, the
         loads before it are in sweep_incomplete.nc and sweep_incomplete.csv, and ``reached`` of the error is their data set.
     """
-    target, (names, drawn) = Path(folder), list_files(scene)
+    scene, target, (names, drawn) = plan.scene, Path(folder), list_files(plan)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
-    if resume and not force and is_complete(scene, target):
+    if resume and not force and is_complete(plan, target):
         from granphon.sweeps.archive import load_sweep
 
         there = tuple(target / name for name in every if (target / name).exists())
-        return RunResult(scene, target, load_sweep(target / "sweep.nc"), files=there)
-    scene.plan.require_waves()
+        return RunResult(plan, target, load_sweep(target / "sweep.nc"), files=there)
+    plan.require_waves()
     text = scene.to_yaml()
     with (
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
         open_store(target / WORK_FILE, force) as store,
     ):
-        buckling = scene.plan.origin.where_it_buckles() if scene.plan.grid.is_one_state else nullcontext()
-        with scene.plan.place_errors(), buckling:
-            work = SweepRun.of(scene.plan.grid, **scene.bands)
-            if not scene.has_tasks:
+        buckling = plan.origin.where_it_buckles() if plan.grid.is_one_state else nullcontext()
+        with plan.place_errors(), buckling:
+            work = SweepRun.of(plan.grid, **scene.bands)
+            if not plan.has_tasks:
                 store.claim(None)
             try:
-                dataset = work.solve(executor, progress, store) if scene.has_tasks else work.solve()
+                dataset = work.solve(executor, progress, store) if plan.has_tasks else work.solve()
             except GranphonError as error:
                 if error.reached is None:
                     raise
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
-        result = RunResult(scene, target, dataset)
+        result = RunResult(plan, target, dataset)
         if result.is_one_state:
-            with scene.plan.origin.where_it_buckles():
+            with plan.origin.where_it_buckles():
                 result = _export(result, work, progress)
         used = versions("numpy", "scipy", *result.packages)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
@@ -121,19 +121,19 @@ def run(
     return result
 
 
-def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds every file but figures of a run of ``scene``, made with the installed versions of packages.
+def is_complete(plan: Plan, folder: str | os.PathLike[str]) -> bool:
+    """Whether ``folder`` holds every file but figures of a run, made with the installed versions of packages.
 
     A file that was changed after the run counts as missing.
     """
     target = Path(folder)
     try:
         made = read_yaml(target / "summary.yaml")["versions"]
-        if type(scene)(**Origin.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
+        if type(plan.scene)(**Origin.of_file(target / "scene.yaml").read()) != plan.scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False
-    return is_whole(target, expected_files(scene, figures=False))
+    return is_whole(target, expected_files(plan, figures=False))
 
 
 def _export(result: RunResult, work: SweepRun, progress: Progress) -> RunResult:

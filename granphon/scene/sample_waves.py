@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from granphon.base.progress import Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
 from granphon.media.state import ContactState
+from granphon.scene.specification import Specification
 from granphon.sweeps.records import SampleRecord
 from granphon.sweeps.wave_records import read_whole
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse, average_pulses
 from granphon.waves.spectral_functions import SpectralFunction
-
-if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
 
 __all__ = ["SampleWaves", "draw_waves", "read_waves"]
 
@@ -41,7 +39,7 @@ class SampleWaves:
     pulse: Pulse | None = None
 
     @classmethod
-    def of(cls, scene: Scene, state: ContactState, records: Sequence[SampleRecord]) -> Self:
+    def of(cls, scene: Specification, state: ContactState, records: Sequence[SampleRecord]) -> Self:
         """Take the waves from what was found of the samples of a state."""
         kept = [one.of_waves for one in records]
         sent = [one for record in kept if (one := read_whole(record, "pulse", Pulse)) is not None]

@@ -1,0 +1,251 @@
+"""What a scene asks for: its values, checked, in SI units, and the text of its file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, cast
+
+from granphon.balls.contact_table import touch_once_at_most
+from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import Load
+from granphon.balls.motions import allowed_motions
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import Axis, change_packing
+from granphon.base.errors import InputError, Refused, message
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, load_quantities
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
+from granphon.base.validation import read_inside, require, truth
+from granphon.media.cases import require_arrays
+from granphon.media.choice import MediumChoice, no_simulation
+from granphon.phonons.paths import BandPath, read_paths
+from granphon.scene import fields as rules
+from granphon.scene.reader import Origin
+from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings, write_settings
+
+__all__ = ["Specification"]
+
+
+@dataclass(frozen=True)
+class Specification:
+    """The values of a :class:`~granphon.scene.scene.Scene`, which describes them; no state is computed of them here."""
+
+    packing: Packing
+    load: Load
+    _: KW_ONLY
+    media: tuple[MediumChoice, ...] = ()
+    parameters: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    finite_overlap: bool = False
+    observe: tuple[str, ...] = ("velocities",)
+    direction: tuple[Any, ...] | None = None
+    band: BandPath | None = None
+    band_points: int = 101
+    mesh: tuple[int, ...] | None = None
+    dim: tuple[int, ...] | None = None
+    spectrum: SpectrumSettings = field(default_factory=SpectrumSettings)
+    pulse: PulseSettings | None = None
+    source: Path | None = field(default=None, compare=False)
+    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
+    _origin: Origin = field(default=Origin(), init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
+        object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
+        swept = dict(self.parameters).get("lattice", ())
+        lattice = rules.choose_lattice(self.packing.structure, swept)
+        if lattice != self.packing.structure:
+            object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
+        if self.mesh is None:
+            object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
+        if isinstance(self.media, tuple | list) and not self.media:
+            object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
+        checks: dict[str, Callable[[Any], Any]] = {
+            "media": partial(rules.read_media, lattice=lattice), "finite_overlap": truth, "observe": rules.read_observables,
+            "band_points": rules.segment_points, "mesh": partial(rules.mesh_numbers, lattice=lattice),
+        }  # fmt: skip
+        if self.dim is not None:
+            checks["dim"] = partial(rules.supercell, lattice=lattice)
+        if self.direction is not None:
+            checks["direction"] = partial(rules.read_directions, lattice=lattice)
+        for name, rule in checks.items():
+            object.__setattr__(self, name, require(name, rule, getattr(self, name)))
+        if all(one.is_exact for one in self.media) and self.balls_differ:
+            object.__setattr__(self, "finite_overlap", True)
+        # in space ASE knows the path: a scene without bands does not ask it
+        if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
+            object.__setattr__(self, "band", BandPath.default(lattice))
+        if self.load.array.ndim > 1:
+            raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
+        self._require_consistency()
+
+    @property
+    def path(self) -> BandPath:
+        """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
+        return BandPath.default(self.packing.structure) if self.band is None else self.band
+
+    @property
+    def grid(self) -> tuple[int, ...]:
+        """Numbers of wave vectors for the density of states; never None, unlike the argument ``mesh``."""
+        return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
+        return self._origin.inputs
+
+    @property
+    def directions(self) -> tuple[tuple[float, ...], ...]:
+        """The directions of sound that are given, one or many; empty if none is."""
+        given = self.direction or ()
+        return given if given and isinstance(given[0], tuple) else (given,) * bool(given)
+
+    @property
+    def balls_differ(self) -> bool:
+        """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
+        return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
+
+    @cached_property
+    def waves(self) -> WaveSettings | None:
+        """What is observed of the waves in arrays, where media simulate them; None for nothing."""
+        if not set(WAVES) & set(self.observe):
+            return None
+        spectrum = self.spectrum if "spectrum" in self.observe else None
+        path = self.path if spectrum is not None else None
+        way = (path.paths, path.names) if path is not None else ((), ())
+        pulse = self.pulse if "pulse" in self.observe else None
+        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
+
+    @property
+    def bands(self) -> dict[str, Any]:
+        """The path of the bands, as keywords of :func:`granphon.sweeps.sweep.sweep`; empty if they are not observed."""
+        if "bands" not in self.observe:
+            return {}
+        return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
+
+    @property
+    def waves_need_arrays(self) -> bool:
+        """Whether the scene observes waves that only simulated arrays have."""
+        return bool({"spectrum", "pulse"} & set(self.observe))
+
+    @property
+    def is_sweep(self) -> bool:
+        """Whether there is more than one load or medium, or a parameter is swept."""
+        return len(self.load.values) > 1 or len(self.media) > 1 or bool(self.parameters)
+
+    def to_yaml(self) -> str:
+        """Return the text of the scene with every default written out and quantities in SI units.
+
+        Read again, it gives the same scene to the last bit. A measured spread of more than 1000 diameters is written as the
+        name of a table, whose text is :attr:`diameters`.
+        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text is too long.
+        """
+        packing, material = self.packing, self.packing.material
+        blocks: dict[str, Any] = {"schema": rules.SCENE_SCHEMA}
+        blocks["material"] = {
+            "young_modulus": MODULUS.write(material.young_modulus), "poisson_ratio": material.poisson_ratio,
+            "density": DENSITY.write(material.density),
+        }  # fmt: skip
+        if material.yield_strength is not None:
+            blocks["material"]["yield_strength"] = MODULUS.write(material.yield_strength)
+        blocks["packing"] = {"lattice": rules.write_lattice(packing.structure), "diameter": LENGTH.write(packing.diameter)}
+        if packing.spread is not None:
+            blocks["packing"]["spread"] = rules.write_spread(packing.spread, rules.DIAMETERS_FILE)
+        blocks["packing"] |= {"friction": packing.friction, "finite_overlap": self.finite_overlap}
+        if packing.motions not in (None, next(iter(allowed_motions(packing.structure.dimension)))):
+            blocks["packing"]["motions"] = packing.motions
+        blocks["packing"] |= {name: value for name in ("torsion", "bending") if (value := getattr(packing, name))}
+        quantity = load_quantities(packing.structure.periods)[self.load.kind]
+        blocks["load"] = {self.load.kind: rules.write_values(self.load.values, quantity.write)}
+        if self.load.balls_per_side is not None:
+            blocks["load"]["balls_per_side"] = self.load.balls_per_side
+        settings = [(choice.name, choice.settings_on(packing.structure)) for choice in self.media]
+        media = [{name: options} if options else name for name, options in settings]
+        blocks["medium"] = media if len(media) > 1 else media[0]
+        if self.parameters:
+            blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}
+        blocks["observe"] = self.observe
+        if self.direction is not None:
+            blocks["direction"] = self.direction
+        if "spectrum" in self.observe:
+            blocks["spectrum"] = write_settings(self.spectrum)
+        if self.pulse is not None:
+            blocks["pulse"] = write_settings(self.pulse)
+        blocks["phonopy"] = {} if self.dim is None else {"dim": rules.write_grid(self.dim)}
+        if self.band is not None:
+            blocks["phonopy"]["band"] = str(self.band)
+            if self.band.labels is not None:
+                blocks["phonopy"]["band_labels"] = self.band.labels
+        blocks["phonopy"] |= {"band_points": self.band_points, "mesh": rules.write_grid(self.grid)}
+        text = dump_yaml(blocks)
+        if len(text.encode()) > MOST_SCENE_BYTES:
+            size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
+            what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
+            raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
+        return text
+
+    @cached_property
+    def diameters(self) -> str | None:
+        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene file; else None."""
+        return rules.diameters_table(self.packing.spread)
+
+    @property
+    def parameters_of_branches(self) -> list[str]:
+        """Names of swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
+        return [name for name, _ in self.parameters if name in ("friction", "lattice") or self._changes_motions(name)]
+
+    def _changes_motions(self, name: str) -> bool:
+        """Whether balls have different motions at different values of a swept parameter."""
+        if name not in ("motions", "torsion", "bending"):
+            return False
+        with suppress(InputError):  # a value that the packing cannot have is told with its place later
+            values = dict(self.parameters)[name]
+            return len({change_packing(self.packing, {name: value}).ball_motions for value in values}) > 1
+        return False
+
+    # -- values that exclude each other, by the key in the file ---------------------------------------------------------
+
+    def _require_consistency(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
+        structure, dim = self.packing.structure, self.dim
+        if dim is not None and not touch_once_at_most(structure.vectors, dim, 1.0):
+            # two balls of the supercell would touch through two images
+            sizes = ((n,) * structure.periods for n in range(1, 100))
+            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, 1.0))
+            raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
+        if self.finite_overlap:
+            try:
+                no_simulation(self.media)
+            except InputError as error:
+                raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
+        self._require_waves()
+        if "bands" in self.observe and (changing := self.parameters_of_branches):
+            allowed = "velocities, as the branches differ in number or zone"
+            raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
+        if self.band is not None:
+            path = partial(read_paths, periods=structure.periods)
+            read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
+        if self.load.kind == "side_force" and structure != TRIANGULAR:
+            allowed = "on the triangular lattice only, whose frame is a hexagon"
+            raise Refused("a side_force", allowed, path=("load", "side_force"))
+
+    def _require_waves(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if there are no arrays for the waves that it observes."""
+        # the density of states of one state is that of its lattice, and of a simulation that of the array too
+        names = [name for name in WAVES if name in self.observe and (self.is_sweep or name != "dos")]
+        try:
+            require_arrays(self.media, dict(self.parameters), names)
+        except InputError as error:
+            allowed = f"{', '.join(names)} of arrays that a medium: simulation makes"
+            if "dos" in names:
+                allowed += ", where there are several loads or media or a sweep"
+            raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
+        if "pulse" not in names:
+            return
+        if self.pulse is None:
+            mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
+            raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
+        if len(self.directions) > 1:
+            raise Refused("several directions with a pulse", "one direction", path=("direction",))
