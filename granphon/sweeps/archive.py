@@ -189,7 +189,8 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     dataset = _open_checked(path, body)
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
-    require_schema(path, dataset.attrs.get("schema"), SWEEP_SCHEMA)
+    schema: Any = dataset.attrs.get("schema")
+    require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
     if _REQUIRED - set(dataset.variables):
         raise InputError(message(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"))
     told = dataset.attrs.pop(DIGEST, None)
