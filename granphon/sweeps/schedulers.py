@@ -20,7 +20,7 @@ from collections.abc import Container, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, cast
 
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.cost import available_memory
@@ -112,8 +112,8 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
 
 def client_of(executor: Executor) -> Any:
     """Return the client of dask whose executor this is; None of another one."""
-    dask, own = sys.modules.get("distributed.cfexecutor"), vars(executor)
-    return own["_client"] if dask is not None and isinstance(executor, dask.ClientExecutor) else None
+    dask, own = sys.modules.get("distributed.cfexecutor"), cast("Any", executor)
+    return own._client if dask is not None and isinstance(executor, dask.ClientExecutor) else None
 
 
 def count_calls(executor: Executor) -> int:
@@ -138,10 +138,8 @@ def check_workers(client: Any, memory: float, where: str) -> None:
         limit, threads = one["memory_limit"] or 0, one["nthreads"]
         if limit and memory * threads > limit:
             at_once = f" for {threads} tasks at once" if threads > 1 else ""
-            what, why = (
-                f"{where} needs about {memory / 1e9:.2g} GB",
-                f"The worker {address} has {limit / 1e9:.2g} GB{at_once}",
-            )
+            what = f"{where} needs about {memory / 1e9:.2g} GB"
+            why = f"The worker {address} has {limit / 1e9:.2g} GB{at_once}"
             raise GranphonError(message(what, why, "Give workers more memory, or take fewer balls"))
 
 

@@ -34,7 +34,7 @@ MOST_LOSSES = 3
 #: longest time for which a result is waited for before the executor is asked for its workers again, s
 _LOOK_SECONDS = 2.0
 #: longest time for which calls under way are waited for after an error or an interruption, s
-_PATIENCE = 1.0
+_PATIENCE = 0.5
 
 
 class Task(Protocol):
@@ -115,7 +115,7 @@ def solve_all(
     store : where each result is kept as soon as it is found.
 
     An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
-    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within a
+    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within half a
     second are kept, and calls that have not begun by then are cancelled.
     """
     known = store or Store()
