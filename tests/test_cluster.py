@@ -23,7 +23,7 @@ from granphon.laws.cluster_balance import ClusterBalance, Effective
 from granphon.laws.cluster_descent import ClusterDescent
 from granphon.laws.cluster_points import ClusterPoints, PointSource, draw_points
 from granphon.media.choice import MediumChoice
-from granphon.sweeps.workers import worker_processes
+from granphon.sweeps.workers import Workers
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
@@ -399,8 +399,7 @@ def test_work_is_shared_out_in_order_and_its_errors_are_raised(monkeypatch):
 
 def test_a_worker_process_has_one_processor():
     """Others work beside it."""
-    with worker_processes(2) as executor:
-        assert executor is not None
+    with Workers(2) as executor:
         assert executor.submit(threads.count_processors).result() == 1
     assert 1 <= threads.count_processors() <= (os.cpu_count() or 1)
 

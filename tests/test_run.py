@@ -5,6 +5,7 @@ import json
 import math
 import multiprocessing
 import os
+import pickle
 import re
 import shutil
 import signal
@@ -12,6 +13,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -39,7 +41,7 @@ from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.store import read_entries
 from granphon.sweeps.sweep import sweep
-from granphon.sweeps.workers import worker_processes
+from granphon.sweeps.workers import Workers
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -591,8 +593,8 @@ def test_workers_give_the_same_numbers(work, capsys):
     assert not (work / "three").exists()
 
 
-def test_there_are_no_more_workers_than_tasks():
-    with worker_processes(1024) as executor:
+def test_there_are_no_more_workers_than_calls():
+    with Workers(1024) as executor:
         assert not multiprocessing.active_children()
         assert [executor.submit(abs, number).result() for number in (-1, -2, -3)] == [1, 2, 3]
         assert len(multiprocessing.active_children()) == 1  # it was free each time
@@ -618,7 +620,7 @@ def test_a_worker_that_cannot_be_started_is_an_error(work, monkeypatch, capsys):
 DEADLY = """
 import multiprocessing, os, signal
 
-def carry_out(*orders):
+def advance(*orders):
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -629,7 +631,7 @@ def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
     monkeypatch.syspath_prepend(work)
     import deadly  # by name, so that the worker finds it
 
-    monkeypatch.setattr("granphon.sweeps.tasks.carry_out", deadly.carry_out)
+    monkeypatch.setattr("granphon.sweeps.tasks.advance", deadly.advance)
     monkeypatch.setattr("granphon.sweeps.tasks.MOST_LOSSES", 2)
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
@@ -640,18 +642,48 @@ def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
     assert not multiprocessing.active_children()
 
 
+def fail_to_converge():
+    from scipy.sparse.linalg import ArpackNoConvergence
+
+    raise ArpackNoConvergence("none", np.zeros(0), np.zeros(0))
+
+
 def test_errors_come_back_from_workers_as_they_are():
-    with worker_processes(2) as executor:
+    with Workers(2) as executor:
         assert list(executor.map(math.sqrt, [4.0, 9.0])) == [2.0, 3.0]
         with pytest.raises(ValueError, match="math domain error") as caught:
             executor.submit(math.sqrt, -1.0).result()
-        assert caught.value.__notes__[0].startswith("In a worker process:")
-        with pytest.raises(RuntimeError, match="pickle"):  # what cannot come back
+        assert "Traceback" in str(caught.value.__cause__)  # that of the worker process
+        with pytest.raises(pickle.PicklingError, match="pickle"):  # what cannot come back
             executor.submit(eval, "lambda: 0").result()
+        with pytest.raises(RuntimeError, match=r"ArpackNoConvergence: .*none"):  # an error that cannot
+            executor.submit(fail_to_converge).result()
         with pytest.raises(AttributeError, match="pickle"):  # what cannot go there
             executor.submit(lambda: 0).result()
         assert executor.submit(abs, -1).result() == 1
     assert not multiprocessing.active_children()
+
+
+def end_within_a_result():
+    """End this process by force when half of the result is on its way."""
+    from multiprocessing.connection import Connection
+
+    def write_half(pipe, data):
+        os.write(pipe.fileno(), bytes(data[: len(data) // 2]))
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    Connection._send = write_half
+    return bytes(1000)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
+def test_a_worker_that_is_killed_in_the_middle_of_its_result_holds_nothing_up():
+    with Workers(2) as executor:
+        futures = [executor.submit(time.sleep, 0.2), executor.submit(end_within_a_result)]
+        assert futures[0].result(60) is None
+        with pytest.raises(BrokenExecutor):  # a pool of several would wait for the other half for ever
+            futures[1].result(60)
+        assert [executor.submit(abs, -number).result(60) for number in (1, 2)] == [1, 2]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")

@@ -609,7 +609,7 @@ class Backwards(Executor):
     """Does nothing until it has all tasks, and then the last one first."""
 
     def __init__(self, total):
-        self.waiting, self.total, self.size = [], total, total
+        self.waiting, self.total, self._max_workers = [], total, total
 
     def submit(self, function, /, *args, **kwargs):
         future = Future()
@@ -708,7 +708,9 @@ def test_an_error_is_passed_on_and_ends_the_work():
 
 
 class Held(Executor):
-    """Gives the first task's result, and holds the others back."""
+    """Gives the result of the last of four, and holds the others back."""
+
+    _max_workers = 4
 
     def __init__(self, fails_at=math.inf):
         self.futures, self.fails_at = [], fails_at
@@ -717,24 +719,26 @@ class Held(Executor):
         if len(self.futures) == self.fails_at:
             raise RuntimeError("no more workers")
         future = Future()
-        if not self.futures:
+        if len(self.futures) == 3:
             future.set_result(function(*args, **kwargs))
         self.futures.append(future)
         return future
 
 
-def test_outstanding_tasks_are_cancelled_on_an_interruption():
+def test_outstanding_tasks_are_cancelled_on_an_interruption(monkeypatch):
+    monkeypatch.setattr(tasks, "_PATIENCE", 0.01)
     executor = Held()
     with pytest.raises(KeyboardInterrupt):
-        solve_all("pieces", [Piece(n) for n in range(4)], executor, Meter(stop=1))
-    assert [future.cancelled() for future in executor.futures] == [False, True, True, True]
+        solve_all("pieces", [Piece(n) for n in range(6)], executor, Meter(stop=1))
+    assert [future.cancelled() for future in executor.futures] == [True, True, True, False]
 
 
-def test_outstanding_tasks_are_cancelled_if_the_executor_gives_up():
+def test_outstanding_tasks_are_cancelled_if_the_executor_gives_up(monkeypatch):
+    monkeypatch.setattr(tasks, "_PATIENCE", 0.01)
     executor = Held(fails_at=3)
     with pytest.raises(RuntimeError, match="no more workers"):
         solve_all("pieces", [Piece(n) for n in range(4)], executor)
-    assert [future.cancelled() for future in executor.futures] == [False, True, True]
+    assert [future.cancelled() for future in executor.futures] == [True, True, True]
 
 
 class AtOnce(Executor):
@@ -757,12 +761,10 @@ def test_steps_follow_each_other(tmp_path, executor):
 
 def test_what_is_finished_when_an_interruption_comes_is_kept(tmp_path):
     pieces, store = [Piece(n, steps=2) for n in range(5)], Store(tmp_path / "parts")
-    executor = AtOnce()
-    executor.size = 5
     with pytest.raises(KeyboardInterrupt):
-        solve_all("pieces", pieces, executor, Meter(stop=1), store)
-    assert [store.read(piece.name)["x"].tolist() for piece in pieces] == [[n, n + 1] for n in range(5)]
-    assert [piece.runs for piece in pieces] == [2] * 5
+        solve_all("pieces", pieces, Backwards(5), Meter(stop=1), store)
+    assert [store.read(piece.name)["x"].tolist() for piece in pieces] == [[n] for n in range(5)]
+    assert [piece.runs for piece in pieces] == [1] * 5
 
 
 @pytest.mark.parametrize("executor", [None, AtOnce()])
@@ -981,16 +983,15 @@ def interrupted(stopped, tmp_path):
 @contextmanager
 def counting():
     """A list of the steps that are done in the block, by threads."""
-    new, work = [], tasks.carry_out
+    new, work = [], tasks.advance
 
-    def carry_out(orders, *more):
+    def advance(orders, *more):
         done = work(orders, *more)
-        for (task, part), one in zip(orders, done, strict=False):
-            new.extend([task.where] * (one.steps - (0 if part is None else task.done(part))))
+        new.extend(task.where for (task, _), _ in zip(orders, done, strict=False))
         return done
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tasks, "carry_out", carry_out)
+        patch.setattr(tasks, "advance", advance)
         yield new
 
 

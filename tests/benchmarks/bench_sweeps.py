@@ -1,4 +1,4 @@
-"""Sweeps by two workers: what batches, pipes, the store and a scheduler of dask cost beside the tasks themselves.
+"""Sweeps by two workers: what processes, the store and a scheduler of dask cost beside the tasks themselves.
 
     python tests/benchmarks --only sweeps
 
