@@ -31,16 +31,9 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 
 
 def imports(module: Path) -> set[str]:
-    """Modules that a module of the package imports when it runs, by their full names."""
-    tree = ast.parse((PACKAGE / module).read_text(encoding="utf-8"))
-    skipped = {
-        inner for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-        for statement in node.body for inner in ast.walk(statement)
-    }  # fmt: skip
+    """Modules that a module of the package imports, those for types included, by their full names."""
     found: set[str] = set()
-    for node in ast.walk(tree):
-        if node in skipped:
-            continue
+    for node in ast.walk(ast.parse((PACKAGE / module).read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.true_geometry import ExactPlace
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.packing import Packing
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
-
-if TYPE_CHECKING:
-    from granphon.array.true_geometry import ExactPlace
 
 __all__ = ["make_network", "turn_frames"]
 

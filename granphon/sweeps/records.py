@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from granphon.base.results import Result
 from granphon.media.sample_means import HISTORY_UNITS
 from granphon.media.simulation import SimulatedState
 from granphon.sweeps.store import TaskResult
-
-if TYPE_CHECKING:
-    from granphon.waves.settings import WaveSettings
+from granphon.waves.settings import WaveSettings
 
 __all__ = ["RecordedState", "SampleRecord"]
 

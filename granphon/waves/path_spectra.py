@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +21,7 @@ from granphon.dynamics.modes import ContactLattice
 from granphon.networks.network import ContactNetwork
 from granphon.waves.plane_waves import PeriodicCell, nearest_wavevectors
 from granphon.waves.spectral_functions import SpectralFunction
-
-if TYPE_CHECKING:
-    from granphon.waves.waves import Waves
+from granphon.waves.waves import Waves
 
 __all__ = ["PathPoints", "PathSpectra", "find_path_points", "find_path_spectra", "join_labels"]
 
