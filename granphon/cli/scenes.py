@@ -115,12 +115,11 @@ def run_scene(
 ) -> None:
     """Compute what a scene observes and write it into a folder.
 
-    The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
-    phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A scene
-    with several loads or media, or with a block 'sweep', is a sweep: it writes sweep.nc and sweep.csv instead. If a sweep is
-    cut off, its finished part is kept in the folder, and the same command continues from there. --force replaces an earlier
-    result: it also removes the files of that result which the new scene does not write, and the finished part of another
-    sweep. A file that the scene is read from, that granphon did not write, or that was changed since is never replaced.
+    The folder gets scene.yaml (every default written out), summary.yaml (the main numbers), and sweep.nc and sweep.csv with
+    every state. Of a single state bands add band.yaml and phonopy_params.yaml, the density of states adds dos.csv, a
+    simulation adds sample.extxyz, and each a figure. If a run is cut off, its finished part is kept in the folder, and the
+    same command continues from there. --force replaces an earlier result: it also removes the files of that result which
+    the new scene does not write, and the finished part of another run. A file that the scene is read from, that granphon did not write, or that was changed since is never replaced.
 
     \b
     Examples:
