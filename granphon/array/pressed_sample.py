@@ -32,6 +32,7 @@ from granphon.array.sample import STEP, Sample, find_density
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
+from granphon.balls.hertz import reduce_by_slip
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
@@ -161,7 +162,7 @@ class PressedEquilibrium(Equilibrium):
         mobilised = self.law.mobilise(self.contacts)
         if response == "stick":
             return np.full_like(mobilised, self.mindlin_ratio)
-        part = np.cbrt(1.0 - mobilised) if response == "partial_slip" else 1.0
+        part = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
         return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, part)
 
     def find_elasticity(self, shear: Array, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:

@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, message
 
 __all__ = [
     "MOST_CONTACT_RADIUS", "MUCH_LARGER", "HertzLaw", "contact_radius_ratio", "harmonic_diameter",
-    "high_pressure_overlap", "mindlin_reduction",
+    "high_pressure_overlap", "mindlin_reduction", "reduce_by_slip",
 ]  # fmt: skip
 
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
@@ -55,7 +55,12 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
                 "At 1 the contact slides, and has no shear stiffness",
             )
         )
-    return np.cbrt(1.0 - mobilised)[()]
+    return reduce_by_slip(mobilised)[()]
+
+
+def reduce_by_slip(mobilised: ArrayLike) -> Any:
+    """Return the part of the shear stiffness that partial slip leaves at T/mu N: (1 - T/mu N)^(1/3)."""
+    return np.cbrt(1.0 - np.asarray(mobilised))
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:

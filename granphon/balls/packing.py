@@ -182,6 +182,11 @@ class Packing:
         """Mass of a ball of the mean diameter, M = pi rho d^3 / 6, kg (equation 7)."""
         return math.pi / 6.0 * self.material.density * self.diameter * self.diameter * self.diameter
 
+    @property
+    def relative_width(self) -> float:
+        """Width of the distribution over the mean diameter, W/d."""
+        return self.width / self.diameter
+
     @cached_property
     def law(self) -> HertzLaw:
         """The contact law of two balls of the mean diameter."""

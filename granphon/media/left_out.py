@@ -62,7 +62,7 @@ def expect_shear_deficit(packing: Packing, load: Load, history: bool = False, ra
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
     closed = 1.0 - estimate_open_contacts(packing, load)
-    own = packing.width / packing.diameter if ratio is None else ratio
+    own = packing.relative_width if ratio is None else ratio
     return estimate_shear_deficit(closed, own, packing.structure.periods, history)
 
 

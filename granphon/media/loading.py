@@ -202,9 +202,8 @@ def find_ratio(packing: Packing, geometry: str | None) -> float:
         what = "on a line" if packing.width else "of equal balls"
         why = f"The contacts {what} have the directions of the lattice anyway"
         raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
-    ratio = packing.width / packing.diameter
-    require_small(ratio)
-    return ratio
+    require_small(packing.relative_width)
+    return packing.relative_width
 
 
 def _reduce_start(packing: Packing, start: float | Load | str | None, is_exact: bool) -> Prescribed | str:

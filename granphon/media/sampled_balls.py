@@ -77,7 +77,7 @@ class SampledBalls:
         if self.diameters is not None:
             self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
-            what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
+            what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
             raise InputError(message(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"))
         object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
         object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples))

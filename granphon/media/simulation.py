@@ -192,7 +192,7 @@ class SimulatedState(SampledWaves):
         simulation = getattr(self.law, "simulation", None)
         if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
             return None
-        ratio, periods = self.packing.width / self.packing.diameter, self.packing.structure.periods
+        ratio, periods = self.packing.relative_width, self.packing.structure.periods
         deficit = estimate_shear_deficit(self.contact_fraction, ratio, periods, simulation.friction_history)
         return np.where(self._is_exact, 0.0, deficit)[()]
 

@@ -20,7 +20,7 @@ from granphon.array.sample import Sample, standard_error
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.media.loaded_lattice import ideal_lattice
-from granphon.waves.lines import find_ioffe_regel
+from granphon.waves.lines import find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.pulses import Pulse
 from granphon.waves.sending import Sending, transmit
@@ -137,22 +137,18 @@ def _average_spectra(records: Sequence[Record], polarisations: Sequence[str]) ->
     every = np.array([one["lines"] for one in records])  # samples, polarisations, (peak, width, resolved), wave vectors
     q = out["wavenumber"]
 
-    def attenuate(peak: Array, width: Array) -> Array:
-        return np.asarray(0.5 * width * q / peak)
-
     peak, width, resolved = np.moveaxis(np.mean(every, axis=0), 1, 0)
+    velocity = 2.0 * np.pi * peak / q
     out |= {
-        "line_frequency": peak, "line_width": width, "line_resolved": resolved, "phase_velocity": 2.0 * np.pi * peak / q,
-        "attenuation": attenuate(peak, width),
+        "line_frequency": peak, "line_width": width, "line_resolved": resolved, "phase_velocity": velocity,
+        "attenuation": find_attenuation(velocity, width), "mean_free_path": find_mean_free_path(velocity, width),
     }  # fmt: skip
-    alpha = out["attenuation"]
-    out["mean_free_path"] = np.divide(0.5, alpha, out=np.full(alpha.shape, np.inf), where=alpha > 0.0)
     if len(records) > 1:
         peaks, widths = every[:, :, 0], every[:, :, 1]
         out["line_frequency_error"] = standard_error(peaks, axis=0)
         out["line_width_error"] = standard_error(widths, axis=0)
         out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
-        out["attenuation_error"] = standard_error(attenuate(peaks, widths), axis=0)
+        out["attenuation_error"] = standard_error(find_attenuation(2.0 * np.pi * peaks / q, widths), axis=0)
     notes = []
     for number, name in enumerate(polarisations):
         try:

@@ -12,7 +12,7 @@ from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
 from granphon.waves.kernel import Kernel
 
-__all__ = ["Lines", "find_ioffe_regel", "find_lines", "true_width"]
+__all__ = ["Lines", "find_attenuation", "find_ioffe_regel", "find_lines", "find_mean_free_path", "true_width"]
 
 Array = NDArray[np.float64]
 #: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2 L^2 + G^2)^1/2. With
@@ -26,6 +26,20 @@ class Lines(NamedTuple):
 
     peak: Array
     width: Array
+
+
+def find_mean_free_path(velocity: Array, width: Array) -> Array:
+    """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite where that is zero."""
+    found = np.full(np.shape(width), math.inf)
+    np.divide(velocity, 2.0 * math.pi * width, out=found, where=width > 0.0)
+    return found
+
+
+def find_attenuation(velocity: Array, width: Array) -> Array:
+    """Return the attenuation of the amplitude, 1/m: half the inverse mean free path; infinite where the velocity is zero."""
+    found = np.full(np.shape(width), math.inf)
+    np.divide(math.pi * width, velocity, out=found, where=velocity > 0.0)
+    return found
 
 
 def find_lines(kernel: Kernel, values: Array) -> Lines:

@@ -14,7 +14,7 @@ from granphon.base.arguments import finite_list
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.waves.kernel import Kernel
-from granphon.waves.lines import Lines, find_ioffe_regel, find_lines, true_width
+from granphon.waves.lines import Lines, find_attenuation, find_ioffe_regel, find_lines, find_mean_free_path, true_width
 from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import find_polarisations, fold_wavevectors, make_plane_wave, read_wavevectors
@@ -135,12 +135,12 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, its group velocity is not the phase
         velocity, and the path is so much longer or shorter.
         """
-        return _ratio(self.phase_velocity, 2.0 * math.pi * self.width)
+        return find_mean_free_path(self.phase_velocity, self.width)
 
     @property
     def attenuation(self) -> Array:
         """(n,) attenuation of the amplitude, 1/m (neper per metre): half the inverse mean free path."""
-        return _ratio(math.pi * self.width, self.phase_velocity)
+        return find_attenuation(self.phase_velocity, self.width)
 
     def ioffe_regel(self, product: float = 1.0) -> float | None:
         """Return the frequency, Hz, from which wavenumber times mean free path is below ``product``; None if never.
@@ -189,13 +189,6 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
 
     def _refine(self, resolution: float | None, moments: int | None) -> SpectralFunction:
         return self._known_work().find(Kernel.of(self.top, resolution, moments).moments)
-
-
-def _ratio(above: Array, below: Array) -> Array:
-    """Return ``above`` / ``below``; infinity where ``below`` is zero."""
-    found = np.full(above.shape, math.inf)
-    np.divide(above, below, out=found, where=below > 0.0)
-    return found
 
 
 def find_spectral_function(
