@@ -18,7 +18,7 @@ import subprocess
 import sys
 import textwrap
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
@@ -1205,6 +1205,27 @@ def test_a_store_needs_no_locks_of_the_file_system(rough, serial, tmp_path, monk
         sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=4), **ARGUMENTS)
     assert resumed(rough, tmp_path, serial) == 5
     assert all("nolock=1" in address for address in told)
+
+
+def test_a_reader_does_not_undo_what_is_being_written_where_there_are_no_locks(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(pytest.importorskip("fcntl"), "lockf", refuse)
+    store, path = Store(tmp_path / "store"), tmp_path / "store"
+    store.claim({"of": "this"})
+    store.append("a", encode("a", {"x": np.zeros(1)}))
+    base = store._connect(make=True)
+    base.execute("PRAGMA cache_size = 1")  # pages go to the disk before the end of the transaction
+    base.execute("BEGIN IMMEDIATE")
+    for n in range(50):
+        base.execute("INSERT INTO task VALUES (?, 0, ?)", (f"b{n}", encode(f"b{n}", {"x": np.ones(1000)})))
+    assert (tmp_path / "store-journal").stat().st_size > 0
+    with suppress(OutputError):
+        assert set(dict(read_entries(path))) <= {"a", *(f"b{n}" for n in range(50))}
+    base.execute("COMMIT")
+    store.close()
+    assert len(dict(read_entries(path))) == 51
 
 
 @pytest.mark.parametrize("replaced", [False, True])

@@ -230,8 +230,11 @@ class Store:
                     raise FileNotFoundError
                 flags = (os.O_RDWR | os.O_CREAT if make else os.O_RDONLY) | getattr(os, "O_NOFOLLOW", 0)
                 descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
-                address = f"{path.absolute().as_uri()}?mode=rw&nolock={int(not has_locks(descriptor))}"
+                locks = has_locks(descriptor)
                 os.close(descriptor)
+                # without locks a reader would take the journal of a writer for that of a killed one, and undo its work
+                mode = "rw" if locks or make or self._home != (0, 0) else "ro"
+                address = f"{path.absolute().as_uri()}?mode={mode}&nolock={int(not locks)}"
                 base = sqlite3.connect(address, _PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
                 try:
                     base.execute("PRAGMA trusted_schema = OFF")
