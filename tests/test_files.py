@@ -180,7 +180,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
     for path, found in (
         (tmp_path / "none", "no such file"),
         (tmp_path, "is a folder"),
-        (binary, f"{binary}:2: found the byte 0xff"),
+        (binary, f"{binary}:2 cannot be read: found the byte 0xff"),
         (large, "more than 100 kB"),
         (unreadable, "cannot be read: Not a directory"),
         (tmp_path / "a\0b", "cannot be read"),

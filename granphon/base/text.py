@@ -15,7 +15,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from granphon.base.errors import InputError, MissingFileError, MissingSceneError, Refused, SceneError, brief, message
-from granphon.base.reading import read_bytes, read_utf8
+from granphon.base.reading import decode, read_bytes, read_utf8
 
 __all__ = [
     "Document",
@@ -87,19 +87,11 @@ class Document:
 def read_text(path: str | os.PathLike[str]) -> str:
     """The text of a scene file; raises :class:`~granphon.base.errors.SceneError` if it cannot be read or exceeds 100 kB."""
     try:
-        raw = read_bytes(path, MOST_SCENE_BYTES)
+        return decode(str(path), read_bytes(path, MOST_SCENE_BYTES))
     except MissingFileError:
         raise MissingSceneError(message(f"{path}: there is no such file", mend="'granphon init' writes one")) from None
     except InputError as error:
         raise SceneError(str(error)) from None
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        raise SceneError(
-            f"{path}:{line}: found the byte 0x{raw[error.start]:02x}, which is not text; allowed: text in UTF-8. "
-            "Is this the right file?"
-        ) from None
 
 
 def parse_yaml(text: str, name: str) -> Document:
