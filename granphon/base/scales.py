@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from granphon.base.errors import InputError, message
+from granphon.base.text import write_float
 
 __all__ = [
     "HertzPrefix",
@@ -255,9 +256,9 @@ def file_header(unit: HertzPrefix, scales: Units, schema: int, coordinates: Sequ
         "granphon:",
         f"  schema: {schema}",
         f"  frequency_unit: {unit.name}",
-        f"  hertz: {unit.hertz!r}",
+        f"  hertz: {write_float(unit.hertz)}",
         f"  coordinates: [{', '.join(coordinates)}]",
-        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+        *(f"  {key}: {write_float(value)}" for key, value in scales.to_info().items()),
     ]
 
 
