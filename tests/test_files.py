@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from granphon.base import text as files
 from granphon.base.errors import InputError, SceneError
-from granphon.base.text import closest, dump_yaml, parse_yaml, plain_yaml, read_text, versions
+from granphon.base.text import closest, dump_yaml, parse_yaml, plain_yaml, read_text, versions, write_float
 
 # -- reading --------------------------------------------------------------------------------------------------------
 
@@ -180,7 +180,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
     for path, found in (
         (tmp_path / "none", "no such file"),
         (tmp_path, "is a folder"),
-        (binary, f"{binary}:2: found the byte 0xff"),
+        (binary, f"{binary}:2 cannot be read: found the byte 0xff"),
         (large, "more than 100 kB"),
         (unreadable, "cannot be read: Not a directory"),
         (tmp_path / "a\0b", "cannot be read"),
@@ -232,6 +232,14 @@ def test_dumped_floats_are_floats_to_readers_of_yaml_11(value: float) -> None:
     read = yaml.safe_load(dump_yaml({"a": value}))["a"]
     assert isinstance(read, float)
     assert read == value
+
+
+@given(st.floats())
+@example(1e-6)
+@example(-0.0)
+def test_a_float_is_that_float_to_readers_of_yaml_11_and_12(value: float) -> None:
+    text = write_float(value)
+    assert repr(yaml.safe_load(text)) == repr(plain_yaml(text, "x")) == repr(value)
 
 
 def test_versions_name_the_packages() -> None:

@@ -7,11 +7,12 @@ Nothing in a file is run, and only the named file is opened. Whatever cannot be 
 from __future__ import annotations
 
 import os
+import re
 import stat
 
 from granphon.base.errors import InputError, MissingFileError, brief, message
 
-__all__ = ["MOST_FILE_BYTES", "read_bytes", "read_utf8", "require_path"]
+__all__ = ["MOST_FILE_BYTES", "decode", "read_bytes", "read_utf8", "require_path"]
 
 #: the largest file that is read, bytes
 MOST_FILE_BYTES = 256_000_000
@@ -66,14 +67,29 @@ def _without_waiting(path: str, flags: int) -> int:
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8, with line feeds as the ends of lines.
+    """The text of a file in UTF-8, with line feeds as the ends of lines; errors as of :func:`read_bytes`, :func:`decode`."""
+    return decode(str(path), read_bytes(path)).replace("\r\n", "\n")
 
-    Raises the errors of :func:`read_bytes`, and :class:`~granphon.base.errors.InputError` for bytes that are not UTF-8.
+
+def decode(name: str, raw: bytes) -> str:
+    """The text of a file called ``name`` that is in UTF-8, with or without a byte order mark.
+
+    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a guess of the encoding.
     """
-    raw = read_bytes(path)
-    try:
-        return raw.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        what = f"{path}:{line} cannot be read: found the byte 0x{raw[error.start]:02x}, which is not text in UTF-8"
-        raise InputError(message(what, mend="Is this the right file?")) from None
+    at = raw.find(b"\0")
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        at, guess = 0, "UTF-16"
+    elif at >= 0:
+        guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3 else ""
+    else:
+        try:
+            return raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            # in Latin-1 and related encodings every byte but the control characters is a letter or a sign
+            at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
+    line = raw.count(b"\n", 0, at) + 1
+    what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
+    if not guess:
+        raise InputError(message(what, "The file does not look like text", "Is this the right file?"))
+    mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    raise InputError(message(what, f"The file looks like {guess}", mend))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from granphon.base.errors import InputError, message
-from granphon.base.text import require_schema
+from granphon.base.text import require_schema, write_float
 
 __all__ = [
     "HertzPrefix",
@@ -258,9 +258,9 @@ def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) ->
         "granphon:",
         f"  schema: {_HEADER_SCHEMA}",
         f"  frequency_unit: {unit.name}",
-        f"  hertz: {unit.hertz!r}",
+        f"  hertz: {write_float(unit.hertz)}",
         f"  coordinates: [{', '.join(coordinates)}]",
-        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+        *(f"  {key}: {write_float(value)}" for key, value in scales.to_info().items()),
     ]
 
 

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import NUMBER, Quantity
-from granphon.base.reading import read_bytes
+from granphon.base.reading import decode, read_bytes
 from granphon.base.text import closest, counted
 
-__all__ = ["Heading", "Table", "decode", "plain_float", "table_text", "write_table"]
+__all__ = ["Heading", "Table", "plain_float", "table_text", "write_table"]
 
 
 _POINT = "Write decimals with a point"
@@ -215,30 +215,6 @@ def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]],
     stream = StringIO(newline="")
     write_table(stream, headings, rows, comments)
     return stream.getvalue()
-
-
-def decode(name: str, raw: bytes) -> str:
-    """The text of a file called ``name`` that is in UTF-8, with or without a byte order mark.
-
-    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a guess of the encoding.
-    """
-    at = raw.find(b"\0")
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        at, guess = 0, "UTF-16"
-    elif at >= 0:
-        guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 4 else ""
-    else:
-        try:
-            return raw.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            # in Latin-1 and related encodings every byte but the control characters is a letter or a sign
-            at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
-    line = raw.count(b"\n", 0, at) + 1
-    what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
-    if not guess:
-        raise InputError(message(what, "The file does not look like text", "Is this the right file?"))
-    mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
-    raise InputError(message(what, f"The file looks like {guess}", mend))
 
 
 def _read_columns(

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
-from granphon.base.reading import read_bytes
+from granphon.base.reading import decode, read_bytes
 from granphon.base.scales import Units
-from granphon.base.tables import decode, plain_float
+from granphon.base.tables import plain_float
 from granphon.base.validation import choice, require
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, find_rounding, read_whole_numbers
 

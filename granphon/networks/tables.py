@@ -17,8 +17,8 @@ from granphon.base.arguments import real_array
 from granphon.base.digests import open_seal, seal, warn_unverified
 from granphon.base.errors import InputError, OutputError, brief, message
 from granphon.base.quantities import LENGTH, LOADS, Quantity
-from granphon.base.reading import read_bytes, require_path
-from granphon.base.tables import Heading, Table, decode, table_text
+from granphon.base.reading import decode, read_bytes, require_path
+from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, read_cell, read_whole_numbers
 

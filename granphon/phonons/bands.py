@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import counted, plain_yaml, show
+from granphon.base.text import counted, plain_yaml, show, write_float
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.modes import Modes
@@ -248,38 +248,38 @@ class Bands(Result):
         ticks = [tick.split("|") for tick in self.labels]
         lines += [
             "labels:",
-            *(f"- [ {_write_yaml_text(a[-1])}, {_write_yaml_text(z[0])} ]" for a, z in itertools.pairwise(ticks)),
+            *(f"- {json.dumps([a[-1], z[0]])}" for a, z in itertools.pairwise(ticks)),
         ]
         reciprocal = np.linalg.inv(self.cell).T
         lines += [
             "reciprocal_lattice:",
-            *map(_write_yaml_row, reciprocal),
+            *(f"- {_write_row(row)}" for row in reciprocal.tolist()),
             f"natom: {n * per_ball}",
             "lattice:",
-            *map(_write_yaml_row, self.cell),
+            *(f"- {_write_row(row)}" for row in self.cell.tolist()),
             "points:",
         ]
         places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
-        masses = np.repeat(self.masses, per_ball)
+        masses = np.repeat(self.masses, per_ball).tolist()
         for name, place, mass in zip(name_atoms(n, self.motions), places, masses, strict=True):
-            lines += [f"- symbol: {name}", f"  coordinates: [ {_join_numbers(place)} ]", f"  mass: {float(mass)!r}"]
+            lines += [f"- symbol: {name}", f"  coordinates: {_write_row(place.tolist())}", f"  mass: {write_float(mass)}"]
         lines.append("phonon:")
-        velocity = self.scales.length * unit.hertz
+        hertz, velocities = frequencies / unit.hertz, velocities / (self.scales.length * unit.hertz)
+        parts = np.stack([motion.real, motion.imag], axis=-1)
         for i in range(s):
             for j in range(p):
                 lines += [
-                    f"- q-position: [ {_join_numbers(self.qpoints[i, j])} ]",
-                    f"  distance: {float(self.distances[i, j])!r}",
+                    f"- q-position: {_write_row(self.qpoints[i, j].tolist())}",
+                    f"  distance: {write_float(float(self.distances[i, j]))}",
                 ]
                 if j in (0, p - 1):
-                    lines.append(f"  label: {_write_yaml_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
+                    lines.append(f"  label: {json.dumps(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
                 lines.append("  band:")
                 for k in range(still + b):
-                    lines += [f"  - # {k + 1}", f"    frequency: {float(frequencies[i, j, k] / unit.hertz)!r}"]
-                    g = velocities[i, j, k] / velocity
-                    lines += [f"    group_velocity: [ {_join_numbers(g)} ]", "    eigenvector:"]
-                    for atom in motion[i, j, :, :, k]:
-                        lines += ["    -", *(f"      - [ {_join_numbers((z.real, z.imag))} ]" for z in atom)]
+                    lines += [f"  - # {k + 1}", f"    frequency: {write_float(float(hertz[i, j, k]))}"]
+                    lines += [f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}", "    eigenvector:"]
+                    for atom in parts[i, j, :, :, k].tolist():
+                        lines += ["    -", *(f"      - {_write_row(pair)}" for pair in atom)]
         write_text(path, seal(lines))
 
     @classmethod
@@ -368,16 +368,7 @@ def _whole(data: Any, key: str) -> int:
     return found
 
 
-def _join_numbers(values: Any) -> str:
-    """Write numbers with all their digits, separated by commas."""
-    return ", ".join(repr(float(x)) for x in values)
-
-
-def _write_yaml_text(words: str) -> str:
-    """Write ``words`` as a JSON string, which is a valid YAML string whatever characters it holds."""
-    return json.dumps(words)
-
-
-def _write_yaml_row(values: Any) -> str:
-    """Write numbers as one item of a YAML list."""
-    return f"- [ {_join_numbers(values)} ]"
+def _write_row(values: list[float]) -> str:
+    """Write numbers with all their digits as a list of YAML."""
+    # by hand, as PyYAML takes ten times the time for a file, and json writes 1e-06, a text to phonopy and Euphonic
+    return f"[ {', '.join(map(write_float, values))} ]"

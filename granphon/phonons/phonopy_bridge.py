@@ -23,7 +23,7 @@ from granphon.base.digests import read_sealed, require_own_file, seal, warn_unve
 from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import plain_yaml, versions
+from granphon.base.text import plain_yaml, versions, write_float
 from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
@@ -151,8 +151,9 @@ def write_phonopy(
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
         *make_header(unit, scales, motions, periods), f"  version: {versions()['granphon']}",
-        f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}", f"  zero_bands: {zero_bands}",
-        "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
+        f"  force_constants_scale: {write_float(_EXPORT_SCALE)}", f"  auxiliary_atom: {_AUXILIARY}",
+        f"  zero_bands: {zero_bands}",
+        "  masses:", *(f"  - {write_float(m)}" for m in own.masses.tolist()), "",
     ]  # fmt: skip
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
     write_text(path, seal([*head, *body.removesuffix("\n").split("\n")]))
