@@ -115,8 +115,8 @@ def solve_all(
     store : where each result is kept as soon as it is found.
 
     An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
-    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within half a
-    second are kept, and calls that have not begun by then are cancelled.
+    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within
+    half a second are kept, and calls that have not begun by then are cancelled.
     """
     known = store or Store()
     with progress.step(label, sum(task.steps for task in tasks)) as step:
@@ -168,10 +168,12 @@ class _Work:
                     future = executor.submit(advance, orders, packages(), **options)
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
-                with suppress(Empty):
+                try:
                     future = ready.get(timeout=_LOOK_SECONDS)
-                    self._receive(future, self.running[future])
-                    del self.running[future]
+                except Empty:  # look at the workers again
+                    continue
+                self._receive(future, self.running[future])
+                del self.running[future]
         finally:
             wait(self.running, _PATIENCE)
             for future, indices in self.running.items():
