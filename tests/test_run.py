@@ -654,7 +654,7 @@ def test_errors_come_back_from_workers_as_they_are():
         assert "Traceback" in str(caught.value.__cause__)  # that of the worker process
         with pytest.raises(pickle.PicklingError, match="pickle"):  # what cannot come back
             executor.submit(eval, "lambda: 0").result()
-        with pytest.raises(RuntimeError, match="ArpackNoConvergence: .*none"):  # an error that cannot
+        with pytest.raises(RuntimeError, match=r"ArpackNoConvergence: .*none"):  # an error that cannot
             executor.submit(fail_to_converge).result()
         with pytest.raises(AttributeError, match="pickle"):  # what cannot go there
             executor.submit(lambda: 0).result()
