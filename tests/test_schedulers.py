@@ -152,6 +152,29 @@ def test_an_interruption_loses_what_does_not_come_back_and_nothing_else(client, 
     assert len(lost) <= 1 + tasks.CALL_SECONDS / 0.002
 
 
+class InTwo(Nap):
+    """A task of two steps, the second of which takes long."""
+
+    steps = 2
+
+    def done(self, part):
+        return len(part["x"])
+
+    def solve(self, begun=None):
+        if begun is None:
+            return {"x": np.array([self.number])}
+        return {"x": np.append(begun["x"], super().solve()["x"])}
+
+
+@posix
+def test_a_step_is_kept_before_the_next_one_begins(tmp_path):
+    store = Store(tmp_path / "store")
+    threading.Thread(target=interrupt_once, args=((tmp_path / "nap-7").exists,), daemon=True).start()
+    with Workers(1) as executor, pytest.raises(KeyboardInterrupt):
+        solve_all("naps", [InTwo(7, 60.0, folder=tmp_path)], executor, store=store)
+    assert store.read("nap-7")["x"].tolist() == [7]
+
+
 def _throw(error):
     raise error
 
@@ -161,7 +184,8 @@ class Failing(Nap):
         raise InputError(f"{self.number} fails.")
 
 
-def test_an_error_in_the_middle_of_a_batch_keeps_what_is_before_it(client, tmp_path):
+def test_an_error_in_the_middle_of_a_call_keeps_what_is_before_it(client, tmp_path, monkeypatch):
+    monkeypatch.setattr(tasks, "_PATIENCE", 60.0)  # for calls beside it, however busy the machine is
     store = Store(tmp_path / "store")
     naps = [*(Nap(n, 0.001) for n in range(40)), Failing(40), *(Nap(n, 0.001) for n in range(41, 60))]
     with pytest.raises(InputError, match="40 fails"):

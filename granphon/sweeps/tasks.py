@@ -167,10 +167,12 @@ class _Work:
                     future = executor.submit(advance, orders, packages(), **options)
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
-                with suppress(Empty):
+                try:
                     future = ready.get(timeout=_LOOK_SECONDS)
-                    self._receive(future, self.running[future])
-                    del self.running[future]
+                except Empty:  # look at the workers again
+                    continue
+                self._receive(future, self.running[future])
+                del self.running[future]
         finally:
             wait(self.running, _PATIENCE)
             for future, indices in self.running.items():
