@@ -15,7 +15,6 @@ import numpy as np
 import granphon as gp
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.figures.style import LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR
-from granphon.media.acoustics import contact_lattice
 
 PULSE, ALONG = 6500.0, (1.0, 0.0)  # Hz, Gamma-K
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -34,7 +33,7 @@ assert np.allclose(deficit[0] / (1.0 - pulse.phase[0] / limit.longitudinal), 3.0
 with matplotlib.rc_context(STYLE):
     figure, ax = plt.subplots(figsize=(3.4, 2.7), dpi=300, layout="constrained")
     colours = {"longitudinal": LONGITUDINAL_COLOUR, "transverse": TRANSVERSE_COLOUR}
-    for name, branch in follow_acoustic_branches(contact_lattice(state), ALONG).items():
+    for name, branch in follow_acoustic_branches(state.contact_lattice(), ALONG).items():
         # crowded at the top, where the group velocity falls steeply to zero
         hertz = branch.top * state.scales.frequency * np.sin(np.linspace(0.01, 0.5 * np.pi - 1e-4, 120))
         found = gp.pulse_velocities(state, hertz, ALONG, branches=[name])

@@ -18,7 +18,6 @@ import numpy as np
 
 import granphon as gp
 from granphon.figures.style import COLOURS, STYLE
-from granphon.media.acoustics import contact_lattice
 
 LOADS = (3.0, 0.05, 0.002)  # f*
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -28,7 +27,7 @@ density, modes, top = {}, {}, {}
 for at, load in enumerate(LOADS):
     state = states[at]
     waves = gp.Waves(state.sample.network.without_rattlers())
-    top[load] = contact_lattice(state).top_frequency * state.scales.frequency
+    top[load] = state.contact_lattice().top_frequency * state.scales.frequency
     density[load] = waves.dos(resolution=0.012 * top[load], vectors=3)
     modes[load] = waves.modes(24)
 

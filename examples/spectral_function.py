@@ -20,7 +20,6 @@ import matplotlib.pyplot as plt
 import granphon as gp
 from granphon.figures.spectra import plot_spectrum
 from granphon.figures.style import STYLE
-from granphon.media.acoustics import contact_lattice
 from granphon.phonons.paths import BandPath
 from granphon.waves.path_spectra import find_path_spectra
 
@@ -31,7 +30,7 @@ spectra = {}
 for load in (3.0, 0.003):  # f*
     state = simulation.at_force(load * packing.width_units.force)
     spectra[load] = find_path_spectra(
-        gp.Waves(state.sample), contact_lattice(state), state.scales, path.arrays, path.labels, points=17,
+        gp.Waves(state.sample), state.contact_lattice(), state.scales, path.arrays, path.labels, points=17,
         polarisations=["longitudinal"],
     )  # fmt: skip
 

@@ -397,7 +397,7 @@ def test_a_summary_of_another_schema_is_refused(folders, tmp_path):
     text = (tmp_path / "one" / "summary.yaml").read_text()
     (tmp_path / "one" / "summary.yaml").write_text(text.replace("schema: 1", "schema: 2"))
     with pytest.raises(InputError, match=r"summary\.yaml has the schema 2\..*reads and writes schema 1"):
-        read_run(tmp_path / "one")
+        read_run(tmp_path / "one" / "summary.yaml")
 
 
 def test_a_run_that_is_exchanged_while_it_is_read_is_not_drawn(folders, tmp_path, monkeypatch):

@@ -878,7 +878,7 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
 def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
     scene = Scene.from_text(text)
     monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 4e8)
-    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.solve"):
+    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.of"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
         scene.run(tmp_path / "out")
@@ -902,7 +902,7 @@ def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(text,
     monkeypatch.setattr("granphon.media.cost._measure_time_per_ball", lambda: 1e-3)
     scene = Scene.from_text(BALLS + text)
     monkeypatch.setattr("granphon.media.cost.available_memory", lambda: math.inf)
-    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.solve"):
+    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.of"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match="<scene>:" + words % "and no run may take more than 10,000 days on one processor"):
         scene.run(tmp_path / "out")

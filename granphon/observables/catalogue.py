@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
+from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 
 __all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "entry_of", "find_all", "warn_of_missing_error"]
@@ -34,20 +35,20 @@ CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spec
 class Analysis:
     """A state, with the results that several observables share. Each result is found once, and only when it is needed.
 
-    ``direction`` is that of the velocities, Cartesian, (p,) or (n, p) for many; None for x. ``given_velocities`` and
-    ``given_moduli`` are results for this state that are known already; None if they are not.
+    ``direction`` is that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
     """
 
     state: ContactState
     direction: ArrayLike | None = None
-    given_velocities: SoundVelocities | None = field(default=None, repr=False)
-    given_moduli: Moduli | None = field(default=None, repr=False)
+
+    @cached_property
+    def validity(self) -> Validity:
+        """The conditions under which the model holds."""
+        return validity(self.state)
 
     @cached_property
     def velocities(self) -> SoundVelocities:
         """Sound velocities along the direction, m/s."""
-        if self.given_velocities is not None:
-            return self.given_velocities
         along = np.eye(self.state.packing.structure.periods)[0] if self.direction is None else self.direction
         return sound_velocities(self.state, along)
 
@@ -56,7 +57,7 @@ class Analysis:
         """Elastic moduli; None if the balls do not move along the lattice."""
         if "longitudinal" not in self.state.wave_names:
             return None
-        return self.given_moduli or moduli(self.state)
+        return moduli(self.state)
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,7 @@ def atoms(state: ContactState) -> Atoms:
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads.
     """
+    state = given_state(state)
     scales, lattice = state.scales, state.packing.structure
     spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
     cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))

@@ -24,7 +24,7 @@ from granphon.media.choice import Rung
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
-from granphon.observables.validity import Validity, validity
+from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.scene.plan import Plan
 from granphon.scene.result_files import SAMPLE_TABLES, SWEEP_FIGURES, draw_sweep
@@ -56,6 +56,7 @@ class RunResult:
     plan : of the scene.
     folder, files : folder of the results, and the paths of the files written there.
     dataset : every state, with velocities, moduli and bands, as :func:`granphon.sweeps.sweep.sweep` returns it.
+    given : of a single state, what has been found of it; None after reading it from its folder.
     phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states.
     bands, dos : of a single state, frequencies along the path, Hz, and their density of states, 1/Hz.
     waves : what was asked for of the waves in the samples of a single state.
@@ -65,7 +66,7 @@ class RunResult:
     plan: Plan
     folder: Path
     dataset: Dataset
-    found: ContactState | None = None
+    given: Analysis | None = None
     phonons: Phonons | None = None
     bands: Bands | None = None
     dos: DensityOfStates | None = None
@@ -85,21 +86,21 @@ class RunResult:
         """Whether there is one state."""
         return self.dataset["valid"].size == 1
 
-    @cached_property
+    @property
     def state(self) -> ContactState:
         """The only state; :class:`~granphon.base.errors.InputError` if there are several."""
-        if not self.is_one_state:
-            raise InputError(message(f"the result has {self.dataset['valid'].size} states", mend="Take its dataset"))
-        return self.plan.state() if self.found is None else self.found
+        return self._analysis.state
 
-    @cached_property
+    @property
     def validity(self) -> Validity:
         """The conditions under which the model holds, of the only state."""
-        return validity(self.state)
+        return self._analysis.validity
 
     @cached_property
     def _analysis(self) -> Analysis:
-        return Analysis(self.state, self.scene.direction)
+        if not self.is_one_state:
+            raise InputError(message(f"the result has {self.dataset['valid'].size} states", mend="Take its dataset"))
+        return Analysis(self.plan.state(), self.scene.direction) if self.given is None else self.given
 
     @property
     def velocities(self) -> SoundVelocities | None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, read_yaml, versions
+from granphon.observables.catalogue import Analysis
 from granphon.scene.fields import DIAMETERS_FILE
 from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
@@ -27,7 +27,8 @@ from granphon.scene.result_files import (
     list_files,
 )
 from granphon.scene.results import RunResult
-from granphon.sweeps.store import open_store
+from granphon.sweeps.records import SampleRecord
+from granphon.sweeps.store import Store, TaskResult, open_store
 from granphon.sweeps.sweep import SweepRun
 from granphon.sweeps.unfinished import keep_incomplete
 from granphon.sweeps.workers import packages
@@ -86,21 +87,17 @@ def run(
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
         open_store(target / WORK_FILE, force) as store,
     ):
-        buckling = plan.origin.where_it_buckles() if plan.grid.is_one_state else nullcontext()
-        with plan.place_errors(), buckling:
+        with plan.place_errors():
             work = SweepRun.of(plan.grid, **scene.bands)
-            if not plan.has_tasks:
-                store.claim(None)
             try:
-                dataset = work.solve(executor, progress, store) if plan.has_tasks else work.solve()
+                if plan.grid.is_one_state:
+                    result = _run_alone(plan, target, work, progress, executor, store)
+                else:
+                    result = RunResult(plan, target, work.join(work.do(executor, progress, store)))
             except GranphonError as error:
                 if error.reached is None:
                     raise
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
-        result = RunResult(plan, target, dataset)
-        if result.is_one_state:
-            with plan.origin.where_it_buckles():
-                result = _export(result, work, progress)
         used = versions("numpy", "scipy", *result.packages)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
@@ -136,15 +133,29 @@ def is_complete(plan: Plan, folder: str | os.PathLike[str]) -> bool:
     return is_whole(target, expected_files(plan, figures=False))
 
 
-def _export(result: RunResult, work: SweepRun, progress: Progress) -> RunResult:
-    """Add to the result what only a single state has: its samples, bands and densities of states for other programs."""
-    scene, state = result.scene, work.state
-    waves = None
-    if state is not None:
-        from granphon.scene.sample_waves import SampleWaves
+def _run_alone(
+    plan: Plan, target: Path, work: SweepRun, progress: Progress, executor: Executor | None, store: Store
+) -> RunResult:
+    """Find a single state, and what only a single state has: its samples, bands and densities of states."""
+    scene, waves, parts = plan.scene, None, list[TaskResult]()
+    if plan.has_tasks:
+        parts = work.do(executor, progress, store)
+    else:
+        store.claim(None)
+    state = work.works[0].restore(parts) if parts else plan.state()
+    with plan.origin.where_it_buckles():
+        analysis = Analysis(state, scene.direction)
+        dataset = work.join_alone(analysis, parts)
+        if parts:
+            from granphon.scene.sample_waves import SampleWaves
 
-        waves = SampleWaves.of(scene, state, work.records)
-    result = replace(result, found=state, waves=waves)
+            waves = SampleWaves.of(scene, state, [SampleRecord.from_part(part, 0) for part in parts])
+        return _add_spectra(RunResult(plan, target, dataset, analysis, waves=waves), progress)
+
+
+def _add_spectra(result: RunResult, progress: Progress) -> RunResult:
+    """Add bands and densities of states of a single state, if they are observed."""
+    scene = result.scene
     if not {"bands", "dos"} & set(scene.observe):
         return result
     from granphon.phonons.phonons import Phonons

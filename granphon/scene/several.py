@@ -12,6 +12,7 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.reading import read_bytes
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_yaml
+from granphon.scene.result_files import read_summary
 
 if TYPE_CHECKING:
     from granphon.figures.runs import Run
@@ -137,6 +138,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
     path, name = Path(source), str(source)
     if path.name == _SUMMARY and path.is_file():
+        read_summary(path.parent)
         path = path.with_name("sweep.nc")  # whose numbers it tells
     have = {_name_kind(path): path} if path.is_file() else find_results(path)
     if "fit.yaml" in have:

@@ -30,7 +30,7 @@ from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
-from granphon.observables.validity import Tally, validity
+from granphon.observables.validity import Tally
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
@@ -131,12 +131,19 @@ class Work:
                 out[name] = np.concatenate(rows)[order]
         return out | marks
 
-    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState | None:
-        """Return the only state, with the samples whose balls the :attr:`pieces` kept; None of a medium without samples."""
+    def observe_alone(self, analysis: Analysis, parts: Sequence[TaskResult]) -> TaskResult:
+        """Return the variables of the only state; ``parts`` are the results of the :attr:`pieces`, if it has samples."""
+        (job,) = self.jobs
+        out = job.observe(analysis)
+        if job.asked.waves is None:
+            return out
+        records = [SampleRecord.from_part(part, 0) for part in parts]
+        return _add_waves(out, job.load, records, job.asked.waves, self.case.packing, True)
+
+    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
+        """Return the only state, that of a simulation, with the samples whose balls the :attr:`pieces` kept."""
         (rung,), pieces = self.case.rungs, self.pieces
-        medium = rung.medium.of(rung.packing)
-        if not isinstance(medium, DirectSimulation):
-            return None
+        medium: Any = rung.medium.of(rung.packing)
         alone: list[Any] = [piece.medium for piece in pieces]
         samples = [restore_sample(one, part) for one, part in zip(alone, parts, strict=True)]
         state = SimulatedState.of(medium, samples, rung.load.applied[0])
@@ -225,7 +232,7 @@ class Job:
         places, own = find_reached(parts, size), [strip(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(RecordedState.of(medium, records, load))
+        out = self.observe(Analysis(RecordedState.of(medium, records, load), self.asked.direction))
         if self.asked.waves is not None:
             out = _add_waves(out, load, records, self.asked.waves, medium.packing, not self.rung.is_part)
         return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
@@ -245,15 +252,15 @@ class Job:
         An error names its task and, if it is known, its load.
         """
         try:
-            return self.observe(self.state(self.load))
+            return self.observe(Analysis(self.state(self.load), self.asked.direction))
         except GranphonError as error:
             raise _locate(self, error) from error
 
-    def observe(self, state: ContactState) -> TaskResult:
-        """Return the variables of a state, and its "warnings"."""
-        analysis, asked = Analysis(state, self.asked.direction), self.asked
+    def observe(self, analysis: Analysis) -> TaskResult:
+        """Return the variables of a state, with an axis of loads, and its "warnings"."""
+        state, asked = analysis.state, self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
-        notes: list[Tally | str] = [one for one in validity(state).tallies if one.failing or self.rung.chosen]
+        notes: list[Tally | str] = [one for one in analysis.validity.tallies if one.failing or self.rung.chosen]
         out = find_all(analysis, ("state",), swept=True)
         try:
             out |= find_all(analysis, ("velocities",), swept=True)
@@ -264,11 +271,11 @@ class Job:
             notes.append(describe_mechanism(error))
         out |= find_all(analysis, ("exponent",), swept=True) if asked.exponents else {}
         notes += warn_of_missing_error(out)
+        found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
         if asked.qpoints is not None:
-            out["frequencies"], free = _compute_frequencies(state, asked.qpoints)
+            found["frequencies"], free = _compute_frequencies(state, asked.qpoints)
             notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
-        notes = list(dict.fromkeys(notes))
-        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
+        return found | {"warnings": _write_notes(list(dict.fromkeys(notes)))}
 
 
 def _add_waves(
@@ -350,7 +357,7 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
     at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
     for index in range(job.load.size) if at is None else ():
         try:
-            job.observe(job.state(job.load[[index]]))
+            job.observe(Analysis(job.state(job.load[[index]]), job.asked.direction))
         except GranphonError as alone:
             at, first = index, alone
             break
@@ -379,7 +386,7 @@ def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tu
     They are those that phonopy gives, but computed from C(q), which needs no force constants. In the paper's limit one
     dispersion relation serves all loads, unless the torsion is that of a Hertz contact.
     """
-    loads = [state[i] for i in range(len(state.force))]
+    loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
     lattices = [one.contact_lattice() for one in (loads[:1] if state.loaded_lattice.is_one else loads)]
     paths = [one.wavevectors(qpoints.reshape(-1, 3)) for one in lattices]
     rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
@@ -446,11 +453,11 @@ class _SampleJob(Job):
             if error.reached is None:
                 raise
             order, count = simulation.loading.sort(simulation.prescribed(self.load)), len(error.reached.force)
-            return end_early(self.observe(error.reached), sorted(order[:count]), self.load.size, error)
+            return end_early(self._record(error.reached.samples), sorted(order[:count]), self.load.size, error)
 
-    def observe(self, state: ContactState) -> TaskResult:
+    def observe(self, analysis: Analysis) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...), and the balls if they are kept."""
-        return self._record(state.samples)
+        return self._record(analysis.state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         asked = self.asked

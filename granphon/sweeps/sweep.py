@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -31,12 +31,11 @@ from granphon.base.validation import block, require, truth
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.cases import Case, Grid, require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.media.simulation import SimulatedState
+from granphon.observables.catalogue import Analysis
 from granphon.phonons.paths import BandPath
 from granphon.sweeps.archive import file_names, load_sweep, write_sweep
 from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
-from granphon.sweeps.jobs import Asked, Work, to_json
-from granphon.sweeps.records import SampleRecord
+from granphon.sweeps.jobs import Asked, Job, Work, to_json
 from granphon.sweeps.store import Store, TaskResult, open_store
 from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.unfinished import incomplete_files, keep_incomplete, require_complete, strip
@@ -201,7 +200,7 @@ def sweep_grid(
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
         try:
-            dataset = run.solve(executor, progress, place)
+            dataset = run.join(run.do(executor, progress, place))
         except ConvergenceError as error:
             if locked is None or target is None or error.reached is None:
                 raise
@@ -214,15 +213,11 @@ def sweep_grid(
 
 @dataclass(frozen=True, eq=False)
 class SweepRun:
-    """The work of a sweep: its frame, the path of the bands, and the work on each case.
-
-    Of a single state of a simulation :attr:`state` and :attr:`records` are known once it has been solved.
-    """
+    """The work of a sweep: its frame, and the work on each case."""
 
     grid: Grid
     frame: Dataset
     works: tuple[Work, ...]
-    _found: list[TaskResult] = field(default_factory=list, init=False)
 
     @classmethod
     def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
@@ -238,31 +233,34 @@ class SweepRun:
         )  # fmt: skip
         return cls(grid, frame, tuple(Work(case, asked) for case in cases))
 
-    def solve(self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None) -> Dataset:
-        """Do all tasks, whose results the ``store`` keeps, and return the data set.
+    @property
+    def pieces(self) -> list[Job]:
+        """The tasks, in the order of the cases."""
+        return [piece for work in self.works for piece in work.pieces]
+
+    def do(
+        self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None
+    ) -> list[TaskResult]:
+        """Do all :attr:`pieces`, whose results the ``store`` keeps, and return these."""
+        place, pieces = store or Store(), self.pieces
+        place.claim(collect_identity(self.frame), lambda: [piece.name for piece in pieces])
+        return solve_all("simulation" if self.grid.is_one_state else "sweep", pieces, executor, progress, place)
+
+    def join(self, found: Sequence[TaskResult]) -> Dataset:
+        """Return the data set from the results of the :attr:`pieces`.
 
         :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its ``reached`` is the data set of the
         loads before.
         """
-        place, pieces = store or Store(), [work.pieces for work in self.works]
-        tasks = [piece for several in pieces for piece in several]
-        place.claim(collect_identity(self.frame), lambda: [piece.name for piece in tasks])
-        self._found[:] = solve_all("simulation" if self.grid.is_one_state else "sweep", tasks, executor, progress, place)
-        ends = accumulate(map(len, pieces), initial=0)
-        parts = [work.join(self._found[a:b]) for work, (a, b) in zip(self.works, pairwise(ends), strict=True)]
+        ends = accumulate((len(work.pieces) for work in self.works), initial=0)
+        parts = [work.join(found[a:b]) for work, (a, b) in zip(self.works, pairwise(ends), strict=True)]
         dataset = fill(self.frame, self.grid, self.works, [strip(part) for part in parts])
         require_complete(parts, dataset)
         return dataset
 
-    @property
-    def state(self) -> SimulatedState | None:
-        """The state of a simulation, with its samples, if it is the only state; else None."""
-        return self.works[0].restore(self._found) if self.grid.is_one_state else None
-
-    @property
-    def records(self) -> list[SampleRecord]:
-        """What was found of the samples of such a state."""
-        return [SampleRecord.from_part(part, 0) for part in self._found]
+    def join_alone(self, analysis: Analysis, found: Sequence[TaskResult] = ()) -> Dataset:
+        """Return the data set of a single state that has been found; see :meth:`join`."""
+        return fill(self.frame, self.grid, self.works, [self.works[0].observe_alone(analysis, found)])
 
 
 def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
