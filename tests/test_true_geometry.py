@@ -932,6 +932,21 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
 
 
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (6, 6)), ("fcc", (3, 3, 3))])
+@pytest.mark.parametrize("width", [1e-9, 4e-6])
+def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lattice, shape, width):
+    """It follows from the tensor of the stress, on a boundary that shrinks; the overlap is a hundredth of the diameter."""
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(width), lattice=lattice)
+    options = {"friction_history": True, "friction_coefficient": 10.0, "start": {"overlap": 4e-5}}
+    overlaps = np.array([0.999, 1.0, 1.001]) * 8e-5
+    low, here, high = gp.DirectSimulation(packing, shape, geometry="exact", **options).path(overlap=overlaps).samples
+    slope = (high.force - low.force) / (high.overlap - low.overlap)
+    assert here.normal_stiffness == pytest.approx(slope, rel=1e-6)
+    # the slope of it is a difference ahead, a tenth further in the logarithm of the force
+    bend = (high.normal_stiffness - low.normal_stiffness) / (high.overlap - low.overlap)
+    assert here.stiffness_slope == pytest.approx(bend * math.exp(0.1 / 3.0), rel=2e-3)
+
+
 @pytest.mark.parametrize("width", [1e-12, 1e-18])
 def test_balls_that_hardly_differ_have_a_response(monkeypatch, width):
     """Forces are 1e8 to 1e12 times those that differences of the balls make: that many digits of the response are lost."""
