@@ -896,7 +896,7 @@ def test_a_start_may_be_a_pressure_in_the_exact_geometry():
 def respond_densely(monkeypatch):
     """Let least squares find the responses that GMRES finds."""
 
-    def solve(apply, precondition, right, floor):
+    def solve(apply, precondition, right, floor, most):
         matrix = np.array([apply(one) for one in np.eye(right.size)]).T
         return np.linalg.lstsq(matrix, right, rcond=1e-12)[0], True
 
@@ -915,6 +915,36 @@ def test_balls_that_turn_like_gears_do_not_hide_the_response(monkeypatch, mu):
     again = dataclasses.replace(state.samples[0])
     np.testing.assert_allclose(found, again.elastic_tensor, rtol=0.0, atol=1e-8 * np.max(found))
     assert found[2, 2] > 0.2 * found[0, 0]
+
+
+def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
+    """Contacts that slide let them: forces alone hold these motions, of which the lattice's preconditioner knows nothing."""
+    packing = gp.Packing(gp.Material(70e9, 0.5, 2500.0), 8e-3, spread=gp.Uniform(2e-6), lattice="fcc")
+    options = {"friction_history": True, "friction_coefficient": 0.05, "step_tolerance": 1e-2}
+    simulation = gp.DirectSimulation(packing, (4, 4, 4), **options)
+    (sample,) = simulation.at_force(0.08 * packing.law.coefficient * packing.width**1.5).samples
+    at_once = sample.respond("slide").elastic_tensor
+    # as in a larger array: iterations without factors would be twenty thousand
+    monkeypatch.setattr(true_response, "is_small", lambda frame: False)
+    monkeypatch.setattr(true_response, "_RESPONSE_STEPS", 600)
+    without = sample.respond("slide").elastic_tensor
+    np.testing.assert_allclose(without, at_once, rtol=0.0, atol=1e-9 * np.max(at_once))
+    assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
+
+
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (6, 6)), ("fcc", (3, 3, 3))])
+@pytest.mark.parametrize("width", [1e-9, 4e-6])
+def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lattice, shape, width):
+    """It follows from the tensor of the stress, on a boundary that shrinks; the overlap is a hundredth of the diameter."""
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(width), lattice=lattice)
+    options = {"friction_history": True, "friction_coefficient": 10.0, "start": {"overlap": 4e-5}}
+    overlaps = np.array([0.999, 1.0, 1.001]) * 8e-5
+    low, here, high = gp.DirectSimulation(packing, shape, geometry="exact", **options).path(overlap=overlaps).samples
+    slope = (high.force - low.force) / (high.overlap - low.overlap)
+    assert here.normal_stiffness == pytest.approx(slope, rel=1e-6)
+    # the slope of it is a difference ahead, a tenth further in the logarithm of the force
+    bend = (high.normal_stiffness - low.normal_stiffness) / (high.overlap - low.overlap)
+    assert here.stiffness_slope == pytest.approx(bend * math.exp(0.1 / 3.0), rel=2e-3)
 
 
 @pytest.mark.parametrize("width", [1e-12, 1e-18])

@@ -293,19 +293,28 @@ class PressedSample(Sample):
         goes on, the derivative is larger by some thousandths; so it is by about a hundredth as a way up goes on on which
         contacts slide.
         """
-        return self._average_stiffness(self.elastic_tensor)
+        return self._average_stiffness(self.elastic_tensor, self.force, self.overlap)
 
     @property
     def stiffness_slope(self) -> float:
         """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
-        low, high = (self._average_stiffness(tensor) for tensor in self.elastic_tensors_beside)
-        return (high - low) / (2.0 * STEP) * self.normal_stiffness / self.force
+        f, k, found = self.force, self.normal_stiffness, []
+        for tensor, times in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
+            more = f * math.expm1(times * STEP)
+            found.append(self._average_stiffness(tensor, f + more, self.overlap + more / k))
+        return (found[1] - found[0]) / (2.0 * STEP) * k / f
 
-    def _average_stiffness(self, tensor: Array) -> float:
-        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do work on the whole."""
-        structure = self.packing.structure
-        even = float(np.sum(tensor[: structure.periods, : structure.periods]))
-        return even * self.packing.diameter * structure.measure / len(structure.contacts)
+    def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
+        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do work on the whole.
+
+        In the true geometry the tensor is that of the stress: the boundary on which the forces act shrinks.
+        """
+        structure, p = self.packing.structure, self.packing.structure.periods
+        even = float(np.sum(tensor[:p, :p])) * self.packing.diameter * structure.measure / len(structure.contacts)
+        if not self.is_exact:
+            return even
+        spacing = self.packing.diameter - overlap
+        return even * (spacing / self.packing.diameter) ** (p - 2) - (p - 1) * force / spacing
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:

@@ -3,7 +3,8 @@
 A ball whose contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the
 forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these,
 and iterations with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of
-the lattice; the whole matrix of a small array in space, where rows of balls roll, is factorised (sparse LU).
+the lattice. In space rows of balls roll, of which a ball alone knows nothing: there the whole matrix is factorised (sparse
+LU), of a small array at once, of a larger one where iterations do not come to an end without.
 """
 
 from __future__ import annotations
@@ -20,29 +21,37 @@ from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
 
-__all__ = ["HOLDING", "factorise", "invert_balls", "is_small"]
+__all__ = ["HOLDING", "can_factorise", "compose", "factorise", "invert_balls", "is_small"]
 
 Array = NDArray[np.float64]
-#: largest number of balls in space whose matrix is factorised: the time and the memory that factors take grow faster than it
-_MOST_BALLS = 2**9
+#: largest numbers of balls in space whose matrix is factorised: at once, and where iterations without factors do not come to
+#: an end. The time that factors take grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s
+_MOST_AT_ONCE, _MOST_BALLS = 2**9, 2**11
 #: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
 #: like gears, and what is left of torques, rounding among it, would turn them without limit
 HOLDING = 1e-10
 
 
 def is_small(stencils: Stencils) -> bool:
-    """Return whether an array in space is small enough for factors of its matrix; in a plane they are not needed."""
-    return len(stencils.shape) == 3 and math.prod(stencils.shape) * stencils.n_balls <= _MOST_BALLS
+    """Return whether an array is so small that factors of its matrix cost less than iterations without; in space alone."""
+    return can_factorise(stencils, _MOST_AT_ONCE)
 
 
-def factorise(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
-    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the whole matrix.
+def can_factorise(stencils: Stencils, most: int = _MOST_BALLS) -> bool:
+    """Return whether factors of its matrix can be had: of an array in space with no more than ``most`` balls.
+
+    In a plane they are not needed.
+    """
+    return len(stencils.shape) == 3 and math.prod(stencils.shape) * stencils.n_balls <= most
+
+
+def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
+    """Return the whole matrix, sparse, with what holds motions that nothing holds; fields are one after the other.
 
     ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
     ``stiffness`` is the mean one of contacts.
     """
     from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
-    from scipy.sparse.linalg import splu
 
     j = number_cells(frame.shape, [row.shift for row in frame.rows])
     number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
@@ -52,7 +61,13 @@ def factorise(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inv
     of_contact = number.reshape(1, len(columns), -1)
     at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
     d: Any = coo_array((columns.ravel(), (at[0], at[1])), shape=(j.size, j.size)).tocsr()
-    matrix = c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])
+    return (c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
+
+
+def factorise(frame: Stencils, matrix: Any) -> Inverse:
+    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``."""
+    from scipy.sparse.linalg import splu
+
     factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
 
     def hold(fields: Array) -> Array:
@@ -66,7 +81,7 @@ def factorise(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inv
 
 
 def invert_balls(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
-    """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`factorise`."""
+    """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`compose`."""
     count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
     head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
     blocks = np.zeros((count, count, frame.n_balls, *frame.shape))

@@ -3,13 +3,14 @@
 What changes forces by a small motion is C^T D C and the forces that act, which turn with their contacts
 (:meth:`granphon.array.true_geometry.ExactPlace.respond`). Without tangential forces the operator is symmetric, and conjugate
 gradients solve it; with them GMRES does. The lattice's Green's function, or the factors of
-:mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d.
+:mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d. Where that
+part is all that holds some motions, the factors of :mod:`granphon.array.true_inverse` serve.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactPlace
-from granphon.array.true_inverse import HOLDING, factorise, invert_balls, is_small
+from granphon.array.true_inverse import HOLDING, can_factorise, compose, factorise, invert_balls, is_small
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
@@ -33,8 +34,8 @@ Map = Callable[[Array], Array]
 _RESPONSE_STEPS = 60_000
 #: relative residual of linear responses; the error of a stiffness is its square, without tangential forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps
-_KEPT = 60
+#: vectors that GMRES keeps, and the number of times that it keeps so many before the matrix is factorised
+_KEPT, _PATIENCE = 60, 4
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
 
@@ -65,20 +66,21 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
-    shape, symmetric = pulls[0].shape, not np.any(acting.shears)
+    shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    inverse = _choose_inverse(place, acting, stencils, stiff)
-    holding = 0.0 if symmetric else HOLDING * stiff
-
-    table = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
-    product = SymmetricProduct(place.geometry.frame.coupling, np.array(list(table))) if symmetric else None
+    matrix = None if symmetric or not can_factorise(frame) else compose(frame, stiff, _tabulate(place, acting))
+    inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
+    inverse, most = next(inverses)
+    product = SymmetricProduct(frame.coupling, np.array(list(_tabulate(place, acting)))) if symmetric else None
 
     def apply(vector: Array) -> Array:
         if product is not None:
             return np.ravel(product(vector.reshape(shape), None)[0])
+        if matrix is not None:
+            return np.asarray(matrix @ vector)
         motion = Motion(vector.reshape(shape), 0.0)
         change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
-        return np.ravel(change) + holding * vector
+        return np.ravel(change) + HOLDING * stiff * vector
 
     def precondition(vector: Array) -> Array:
         return np.ravel(inverse(vector.reshape(shape)))
@@ -88,12 +90,15 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
-            motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
-            done = stable and taken < _RESPONSE_STEPS
+            motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, most, floor)
+            done = stable and taken < most
         else:
             # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
-            motion, done = _solve_by_gmres(apply, precondition, right, _NOISE * stiff * math.sqrt(right.size))
-            stable = True
+            floor, stable = _NOISE * stiff * math.sqrt(right.size), True
+            motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
+            if not done and (better := next(inverses, None)):
+                inverse, most = better
+                motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
         if not done:
             why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
             raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
@@ -101,29 +106,37 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     return found
 
 
-def _choose_inverse(place: ExactPlace, acting: ActingForces, stencils: Stencils, stiff: float) -> Inverse:
-    """Return a preconditioner; without tangential forces that of the lattice, for which it has to be positive definite.
+def _tabulate(place: ExactPlace, acting: ActingForces) -> Iterator[Array]:
+    return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
 
-    ``stiff`` is the mean normal stiffness of contacts.
+
+def _offer_inverses(
+    place: ExactPlace, acting: ActingForces, stencils: Stencils, stiff: float, matrix: Any
+) -> Iterator[tuple[Inverse, int]]:
+    """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one.
+
+    Without tangential forces it is that of the lattice alone, for it has to be positive definite. ``stiff`` is the mean
+    normal stiffness of contacts; the ``matrix`` is None where it is not to be factorised.
     """
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
-    tables = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
-    if not symmetric and is_small(frame):
-        return factorise(frame, stiff, tables)
-    whole = Preconditioners(stencils).choose(acting.springs, hard=True)
-    if symmetric:
-        return whole
-    alone = invert_balls(frame, stiff, tables)
-    return lambda force: whole(force) + alone(force)
+    if symmetric or not is_small(frame):
+        whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+        if symmetric:
+            yield whole, _RESPONSE_STEPS
+            return
+        alone = invert_balls(frame, stiff, _tabulate(place, acting))
+        yield lambda force: whole(force) + alone(force), _RESPONSE_STEPS if matrix is None else _PATIENCE * _KEPT
+    if matrix is not None:
+        yield factorise(frame, matrix), _RESPONSE_STEPS
 
 
-def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float) -> tuple[Array, bool]:
+def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, most: int) -> tuple[Array, bool]:
     from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
 
     size = right.size, right.size
     found, failed = gmres(
         LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, atol=floor,
-        restart=_KEPT, maxiter=_RESPONSE_STEPS // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+        restart=_KEPT, maxiter=most // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
     )  # fmt: skip
     return found, not failed
 

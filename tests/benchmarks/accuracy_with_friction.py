@@ -8,8 +8,8 @@ friction at a* = 1/2, with one of the three responses to sound. On the triangula
 directions, at one W/d, and media the terms of finite overlap that go with them. Besides the media there is the simulation
 of the same samples at rest without friction: its error is what the friction in the statics does. Without an option the
 script measures the errors again (``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases
-that were held back (``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution in a folder,
-to go on from there.
+that were held back (``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution and eta in a
+folder, to go on from there.
 """
 
 from __future__ import annotations
@@ -155,9 +155,14 @@ def measured(
     shape: tuple[int, ...],
     samples: int,
     coefficients: Sequence[float],
+    places: Sequence[int] = range(len(POISSON_RATIOS)),
 ) -> Iterator[tuple[Key, Array, Array]]:
-    """Loads (f* or a*) and largest errors there (or chance times root of balls), as ``accuracy.measured``."""
-    for place, ratio in enumerate(POISSON_RATIOS):
+    """Loads (f* or a*) and largest errors there (or chance times root of balls), as ``accuracy.measured``.
+
+    ``places`` are those of eta.
+    """
+    for place in places:
+        ratio = POISSON_RATIOS[place]
         balls = packing(spread, ratio, lattice)
         geometry = SCOPES[lattice].geometry
         rest = gp.DirectSimulation(balls, shape, 10_000, samples, geometry=geometry)
@@ -190,14 +195,17 @@ def measure_all(lattice: str, keep: Path | None) -> dict[str, list[tuple[Key, Ar
     scope, found = SCOPES[lattice], {}
     shape = even_shape(find_lattice(lattice), scope.side)
     for label, spread in measured_shapes(lattice).items():
-        file = keep / f"{lattice}, {label}.pickle" if keep else None
-        if file is not None and file.is_file():
-            found[label] = pickle.loads(file.read_bytes())
-            continue
-        found[label] = list(measured(lattice, spread, scope.forces, shape, scope.samples, COEFFICIENTS))
-        if file is not None:
-            file.write_bytes(pickle.dumps(found[label]))
-        print(lattice, label, "measured", file=sys.stderr, flush=True)
+        found[label] = []
+        for place, ratio in enumerate(POISSON_RATIOS):
+            file = keep / f"{lattice}, {label}, {ratio:g}.pickle" if keep else None
+            if file is not None and file.is_file():
+                found[label] += pickle.loads(file.read_bytes())
+                continue
+            rows = list(measured(lattice, spread, scope.forces, shape, scope.samples, COEFFICIENTS, [place]))
+            if file is not None:
+                file.write_bytes(pickle.dumps(rows))
+            found[label] += rows
+            print(lattice, label, f"Poisson ratio {ratio:g}", "measured", file=sys.stderr, flush=True)
     return found
 
 
