@@ -458,7 +458,7 @@ def test_run_writes_velocities(work, capsys):
         "contact_radius", "load", "velocity", "resonance", "young_modulus", "density", "high_density", "diameter",
         "large_diameter",
     ]  # fmt: skip
-    assert summary["files"] == ["scene.yaml", "summary.yaml"]
+    assert summary["files"] == ["scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv"]
     numbers = {key for key, value in summary.items() if isinstance(value, float)}
     assert numbers <= set(summary["units"])
 
