@@ -327,6 +327,11 @@ class Rung:
             return not self.packing.width
         return not self.medium.simulates
 
+    @property
+    def arrays(self) -> tuple[DirectSimulation, ...]:
+        """The medium of the packing if it simulates arrays; none otherwise."""
+        return self.medium.of(self.packing).arrays
+
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
         state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)

@@ -5,7 +5,7 @@ It goes a step beyond the effective medium, whose cluster is one ball. See :mod:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -45,6 +45,7 @@ class ClusterMedium(LawMedium):
     """
 
     name = "cluster"
+    slow_part = "the cluster medium"
 
     packing: Packing
     balls: int | None = None
@@ -71,6 +72,17 @@ class ClusterMedium(LawMedium):
         """How the lattice answers the contacts of the cluster."""
         packing = self.packing
         return cluster_response(packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending)
+
+    def prepare(self) -> None:
+        """Find the response around balls that differ, which not every lattice has."""
+        if self.packing.width:
+            _ = self.response
+
+    @property
+    def long_law(self) -> ClusterLaw | None:
+        """The law in reduced units, which has neither a width nor a coefficient; None of equal balls and on a line."""
+        law = self.law
+        return replace(law, coefficient=1.0, width=1.0) if isinstance(law, ClusterLaw) else None
 
     @property
     def quadrature_error(self) -> float:

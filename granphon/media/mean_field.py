@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
@@ -192,6 +193,7 @@ class EffectiveMedium(LawMedium):
     """
 
     name = "ema"
+    slow_part = "the effective medium of long lists of diameters"
     options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
     source: str
 
@@ -210,6 +212,16 @@ class EffectiveMedium(LawMedium):
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
+
+    @property
+    def is_solved_anew(self) -> bool:
+        """Whether each packing of a sweep has a law of its own, which takes its time: so has each list of diameters."""
+        return isinstance(self.packing.spread, Discrete | Measured)
+
+    def prepare(self) -> None:
+        """Find the local field of balls that differ, which not every lattice has."""
+        if self.packing.width:
+            _ = self.local_field
 
     @cached_property
     def local_field(self) -> LocalField:

@@ -13,6 +13,8 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.validation import Rule
+from granphon.dynamics.local_field import LocalField
+from granphon.laws.cluster import ClusterLaw
 from granphon.media.state import ContactState
 
 __all__ = ["Loaded", "Medium", "Option", "explain_untouched"]
@@ -67,6 +69,44 @@ class Loaded(ABC, Generic[StateT]):
     name: ClassVar[str]
     # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
+    # what of it takes so long that a survey leaves it out, in words; simulations have words of their own
+    slow_part = ""
+
+    @property
+    def is_solved_anew(self) -> bool:
+        """Whether each packing of a sweep has a law of its own, which takes its time."""
+        return False
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """The medium itself if it simulates arrays, ball by ball; none otherwise."""
+        return ()
+
+    @property
+    def local_field(self) -> LocalField | None:
+        """How the lattice around a ball gives way; None of a medium that does not ask."""
+        return None
+
+    @property
+    def long_law(self) -> ClusterLaw | None:
+        """The law that takes long to solve, in reduced units, once for all media that share it; None if it does not."""
+        return None
+
+    def prepare(self) -> None:
+        """Find what all states need of the lattice; :class:`~granphon.base.errors.MechanismError` if it has none."""
+        return
+
+    def require(self, load: Load) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be borne, solving nothing."""
+        return
+
+    def count_start(self, load: Load) -> float:
+        """Return how many balls take as long as :meth:`require_start`; zero if a load has nothing to be compared with."""
+        return 0.0
+
+    def require_start(self, load: Load) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a load below the start of the loading, which is solved."""
+        return
 
     @property
     def named_geometry(self) -> tuple[tuple[str, str], ...]:

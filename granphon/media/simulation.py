@@ -38,6 +38,11 @@ __all__ = ["DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap
 Array = NDArray[np.float64]
 #: number of overlaps for which a law keeps the samples in memory
 _MOST_KEPT = 64
+#: for how many balls a ball counts in the exact geometry where a start is solved, and the least that a sample counts for:
+#: both take their time
+_EXACT_BALL, _LEAST_SAMPLE = 20, {False: 625, True: 2500}
+#: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
+_SLOW_FORCE = 0.0015
 
 
 @dataclass(frozen=True)
@@ -323,6 +328,11 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
     name = "simulation"
 
+    @property
+    def arrays(self) -> tuple[Self, ...]:
+        """The simulation itself."""
+        return (self,)
+
     @cached_property
     def law(self) -> HertzLaw | SampleLaw:
         """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and on a line.
@@ -439,18 +449,22 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
         A start as a force is at another overlap in each sample, and one as an overlap at another force.
         """
-        if self.loading is not None and self.solves_start(load):
+        if self.loading is not None and self.count_start(load):
             path = self.prescribed(load)
             for index in range(self.samples):
                 require_path(self.packing, read_only(self.deviations(index)), self.loading, path, self.workers)
 
-    def solves_start(self, load: Load) -> bool:
-        """Whether :meth:`require_start` has to solve the start of a loading, which is of another kind than the load."""
+    def count_start(self, load: Load) -> float:
+        """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""
         loading = self.loading
         if loading is None or loading.ordered or not isinstance(loading.start, Prescribed) or not self.packing.width:
-            return False
-        by_force = loading.start.overlap is None
-        return any((one.overlap is None) != by_force for one in self.prescribed(load))
+            return 0.0
+        start, exact = loading.start, self.is_exact
+        by_force = start.overlap is None
+        if all((one.overlap is None) == by_force for one in self.prescribed(load)):
+            return 0.0
+        slow = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
+        return slow * self.samples * max(self.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
 
 
 def _read_path(load: Any, **given: ArrayLike | None) -> Load:

@@ -15,21 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.array.steps import Prescribed
-from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, MechanismError, message
 from granphon.base.progress import Progress
-from granphon.laws.cluster import ClusterLaw
 from granphon.media import cost as costs
 from granphon.media.cases import Case, Grid
-from granphon.media.choice import MediumChoice, Rung
-from granphon.media.cluster import ClusterMedium
+from granphon.media.choice import MEDIA, MediumChoice, Rung
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
-from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.scene.reader import Origin
@@ -55,10 +50,6 @@ MOST_STATES = 20_000
 QUICK_BALLS = 100_000
 #: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found when a scene is read
 QUICK_STARTS = 5_000
-#: for how many balls a ball counts there in the exact geometry, and the least that a sample counts for: both take their time
-_EXACT_BALL, _LEAST_SAMPLE = 20, {False: 625, True: 2500}
-#: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
-_SLOW_FORCE = 0.0015
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +81,7 @@ class PlannedCase:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
         for rung in filter(wanted, self.rungs):
-            label = f"{self.case.label}: {rung.medium.label}" if self.case.medium.is_automatic else self.case.label
+            label = f"{self.case.label}: {rung.medium.label}" if rung.chosen else self.case.label
             yield label, self.state if self.case.load.size == 1 else self._solve(rung, rung.load)
 
     def require(self) -> None:
@@ -104,26 +95,22 @@ class PlannedCase:
     def _is_carried(self) -> bool:
         for index in dict.fromkeys((int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))):
             rung = next(rung for rung in self.rungs if index in rung.loads)
-            if not (rung.is_quick or rung.medium.simulates):
-                continue
             with self.at_load(index, f"{self.case.label}: "):
-                medium = rung.medium.of(self.case.packing)
-                if isinstance(medium, DirectSimulation):
-                    medium.require(self.case.load[index])
-                    continue
-                (self._find_state(index) if index else self.state).contact_lattice()
+                rung.medium.of(self.case.packing).require(self.case.load[index])
+                if rung.is_quick:
+                    (self._find_state(index) if index else self.state).contact_lattice()
         return True
 
     def require_start(self, most: float) -> float:
         """Raise if a load is below a start of another kind, in samples of up to ``most`` balls; return how many are left."""
         for rung in self.rungs:
-            if isinstance(medium := rung.medium.of(self.case.packing), DirectSimulation):
-                index = int(rung.loads[np.argmin(np.ravel(self.case.load.array)[rung.loads])])
-                load, balls = self.case.load[index], _count_start(medium)
-                with self.at_load(index, f"{self.case.label}: "):
-                    if balls <= most and medium.solves_start(load):
-                        medium.require_start(load)
-                        most -= balls
+            medium = rung.medium.of(self.case.packing)
+            index = int(rung.loads[np.argmin(np.ravel(self.case.load.array)[rung.loads])])
+            load = self.case.load[index]
+            with self.at_load(index, f"{self.case.label}: "):
+                if 0 < (balls := medium.count_start(load)) <= most:
+                    medium.require_start(load)
+                    most -= balls
         return most
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
@@ -215,7 +202,7 @@ class Plan:
     @property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
-        return self.scene.is_sweep or self.rung.medium.simulates
+        return self.scene.is_sweep or bool(self.rung.arrays)
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
@@ -245,15 +232,12 @@ class Plan:
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
                 if "velocities" in self.scene.observe:
                     self._require_rigid(packing)
-            # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
-            listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
-            later = self.scene.is_sweep and listed
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
-                if isinstance(medium, EffectiveMedium) and packing.width and not later:
-                    _ = medium.local_field  # the state needs it, and not every lattice has one
-                elif isinstance(medium, ClusterMedium) and packing.width:
-                    _ = medium.response  # likewise
+                # a sweep leaves it to its own processes to solve one law after the other
+                later = self.scene.is_sweep and medium.is_solved_anew
+                if not later:
+                    medium.prepare()
             if not later:
                 one.require()
             left = one.require_start(left)
@@ -313,9 +297,8 @@ class Plan:
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
         """See :meth:`granphon.scene.scene.Scene.states`."""
         for one in self.cases:
-            if not one.case.medium.simulates:
-                one.require()
-            yield from one.states(lambda rung: rung.is_quick or (simulations if rung.medium.simulates else lists))
+            one.require()
+            yield from one.states(lambda rung: rung.is_quick or (simulations if rung.arrays else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
         """Return the states that are quick to find, and words for what is left out, an empty text if nothing is.
@@ -330,10 +313,7 @@ class Plan:
             few = replace(self._at_ends, load=replace(self.load, array=ends))
             left.append(f"all but the ends of {self.n_states:,} states")
         slow = {rung.medium.name for one in few.cases for rung in one.rungs if not rung.is_quick}
-        if EffectiveMedium.name in slow:
-            left.append("the effective medium of long lists of diameters")
-        if ClusterMedium.name in slow:
-            left.append("the cluster medium")
+        left += [medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part]
         return few.states(simulations=False, lists=False), " and ".join(left)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
@@ -344,7 +324,8 @@ class Plan:
             (one.case.label, warning)
             for one in self.few
             for rung in one.rungs
-            if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation) and not rung.chosen
+            if not rung.chosen
+            for medium in rung.arrays
             for warning in expect_warnings(medium, rung.load)
         ]
 
@@ -413,7 +394,7 @@ class Plan:
             cost
             for one in self.few
             for rung in one.rungs
-            if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation)
+            for medium in rung.arrays
             for cost in self._estimate_waves_of(medium, rung.load, wanted)
         ]
         if len(self.few) < self.n_cases and found:
@@ -447,9 +428,8 @@ class Plan:
 
     def _estimate_clusters(self) -> Cost:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
-        media = (one.case.medium.of(one.case.packing) for one in self.few if one.case.medium.name == ClusterMedium.name)
-        found = {medium.law for medium in media if isinstance(medium, ClusterMedium) and medium.packing.width}
-        laws = {replace(law, coefficient=1.0, width=1.0) for law in found if isinstance(law, ClusterLaw)}
+        found = (one.case.medium.of(one.case.packing).long_law for one in self.few)
+        laws = {law for law in found if law is not None}
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / len(self.few))
         return costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
 
@@ -462,20 +442,12 @@ class Plan:
         found = [
             costs.estimate(medium, rung.load, exponents="velocities" in scene.observe)
             for one in self.few
-            if one.case.medium.simulates or one.case.medium.is_automatic
             for rung in one.rungs
-            if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation)
+            for medium in rung.arrays
         ]
         if len(self.few) < self.n_cases and found:
             return max(found, key=lambda cost: cost.work).times(len(found) * self.n_cases / len(self.few))
         return sum(found, Cost())
-
-
-def _count_start(medium: DirectSimulation) -> float:
-    """Return the number of balls that take as long as to find the rest of all samples at the start of a loading."""
-    start, exact = medium.loading and medium.loading.start, medium.is_exact
-    slow = 1.0 + _SLOW_FORCE / start.force if isinstance(start, Prescribed) and start.overlap is None else 1.0
-    return slow * medium.samples * max(medium.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
 
 
 def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:
