@@ -332,6 +332,16 @@ class Rung:
         """The medium of the packing if it simulates arrays; none otherwise."""
         return self.medium.of(self.packing).arrays
 
+    @property
+    def samples(self) -> list[Rung]:
+        """The simulation of each sample alone, which is the same however many samples there are; none of other media."""
+        own = {name: value for name, value in self.medium.options if name != "samples"}
+        return [
+            replace(self, medium=MediumChoice(self.medium.name, tuple((own | {"shape": one.shape, "seed": seed}).items())))
+            for one in self.arrays
+            for seed in range(one.seed, one.seed + one.samples)
+        ]
+
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
         state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)

@@ -23,10 +23,9 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.results import plain
 from granphon.media.cases import Case
-from granphon.media.choice import MediumChoice, Rung
+from granphon.media.choice import Rung
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
-from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
@@ -102,8 +101,10 @@ class Work:
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
         # lattices have no waves of their own here, and their exponents cost nothing
         ideal = replace(self.asked, waves=None, exponents=True)
-        asked = [self.asked if rung.medium.simulates else ideal for rung in rungs]
-        return [Job(*job) for job in zip(wheres, rungs, asked, strict=True)]
+        return [
+            _ArrayJob(where, rung, self.asked) if rung.arrays else Job(where, rung, ideal)
+            for where, rung in zip(wheres, rungs, strict=True)
+        ]
 
     @cached_property
     def pieces(self) -> list[Job]:
@@ -123,7 +124,7 @@ class Work:
         named = {name: value for part in found for name, value in part.items() if name != "warnings"}
         for name, value in named.items():
             # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
-            if all(name in part for part in found) or not self.case.medium.is_automatic:
+            if all(name in part for part in found) or not self.jobs[0].rung.chosen:
                 rows = [
                     part[name] if name in part else np.full((job.load.size, *value.shape[1:]), np.nan)
                     for part, job in zip(found, self.jobs, strict=True)
@@ -142,9 +143,9 @@ class Work:
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the :attr:`pieces` kept."""
-        (rung,), pieces = self.case.rungs, self.pieces
-        medium: Any = rung.medium.of(rung.packing)
-        alone: list[Any] = [piece.medium for piece in pieces]
+        (rung,) = self.case.rungs
+        (medium,) = rung.arrays
+        alone = (one for piece in self.pieces for one in piece.rung.arrays)
         samples = [restore_sample(one, part) for one, part in zip(alone, parts, strict=True)]
         state = SimulatedState.of(medium, samples, rung.load.applied[0])
         return replace(state, chosen=True) if rung.chosen else state
@@ -185,22 +186,12 @@ class Job:
     def kind(self) -> str:
         """Medium, size of an array and number of loads, on which the time depends most."""
         rung = self.rung
-        return (
-            f"{rung.medium.name} {rung.medium.settings.get('shape', '') if rung.medium.simulates else ''} {len(rung.loads)}"
-        )
+        return f"{rung.medium.name} {rung.medium.settings.get('shape', '')} {len(rung.loads)}"
 
     @property
     def memory(self) -> float:
         """Estimated memory of the process that solves it, bytes; 0 of a medium without an array."""
-        medium = self.medium if self.rung.medium.simulates else None
-        if not isinstance(medium, DirectSimulation):
-            return 0.0
-        return estimate(medium, self.load, exponents=self.asked.exponents).memory
-
-    @property
-    def medium(self) -> Medium:
-        """The medium of the packing."""
-        return self.rung.medium.of(self.rung.packing)
+        return 0.0
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the job."""
@@ -209,33 +200,11 @@ class Job:
     @property
     def pieces(self) -> list[Job]:
         """Jobs that can run side by side: one for each sample; the job itself if it cannot be cut."""
-        medium = self.medium
-        if not isinstance(medium, DirectSimulation):
-            return [self]
-        out: list[Job] = []
-        for seed in range(medium.seed, medium.seed + medium.samples):
-            # the number of samples is left out: a sample is then the same piece, however many there are
-            own = {name: value for name, value in self.rung.medium.options if name != "samples"}
-            alone = MediumChoice(self.rung.medium.name, tuple((own | {"shape": medium.shape, "seed": seed}).items()))
-            where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            # of a sample neither bands nor a direction are asked for
-            out.append(
-                _SampleJob(where, replace(self.rung, medium=alone), replace(self.asked, qpoints=None, direction=None))
-            )
-        return out
+        return [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`pieces` together, at the loads that all of them have reached."""
-        medium, size = self.medium, self.load.size
-        if not isinstance(medium, DirectSimulation):
-            return parts[0]
-        places, own = find_reached(parts, size), [strip(part) for part in parts]
-        load = self.load if len(places) == size else self.load[places]
-        records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(Analysis(RecordedState.of(medium, records, load), self.asked.direction))
-        if self.asked.waves is not None:
-            out = _add_waves(out, load, records, self.asked.waves, medium.packing, not self.rung.is_part)
-        return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
+        """Put the results of the :attr:`pieces` together."""
+        return parts[0]
 
     @property
     def steps(self) -> int:
@@ -398,7 +367,40 @@ def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tu
 # -- samples --------------------------------------------------------------------------------------------------------
 
 
-class _SampleJob(Job):
+class _ArrayJob(Job):
+    """A simulation at all loads, whose samples are averaged."""
+
+    @property
+    def simulation(self) -> DirectSimulation:
+        """The simulation of the packing."""
+        (found,) = self.rung.arrays
+        return found
+
+    @property
+    def memory(self) -> float:
+        """Estimated memory of the process that solves it, bytes."""
+        return estimate(self.simulation, self.load, exponents=self.asked.exponents).memory
+
+    @property
+    def pieces(self) -> list[Job]:
+        """Jobs that can run side by side: one for each sample."""
+        alone = self.rung.samples
+        ends = [f", seed {one.medium.settings['seed']}" * (len(alone) > 1) for one in alone]
+        asked = replace(self.asked, qpoints=None, direction=None)  # neither is asked for of a sample
+        return [_SampleJob(self.where + end, one, asked) for end, one in zip(ends, alone, strict=True)]
+
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+        """Average the results of the :attr:`pieces`, at the loads that all of them have reached."""
+        size, places, own = self.load.size, find_reached(parts, self.load.size), [strip(part) for part in parts]
+        load = self.load if len(places) == size else self.load[places]
+        records = [SampleRecord.from_part(part, index) for index in places for part in own]
+        out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
+        if self.asked.waves is not None:
+            out = _add_waves(out, load, records, self.asked.waves, self.rung.packing, not self.rung.is_part)
+        return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
+
+
+class _SampleJob(_ArrayJob):
     """One sample of a simulation at all loads, one load in each step.
 
     The highest load comes first, and the search for each equilibrium starts from the one before, as in a simulation that is
@@ -406,27 +408,22 @@ class _SampleJob(Job):
     With a history of friction all loads are one step.
     """
 
-    @cached_property
-    def _has_history(self) -> bool:
-        medium = self.medium
-        return isinstance(medium, DirectSimulation) and medium.friction_history
-
     @property
     def steps(self) -> int:
         """Number of steps: one for each load, or one for a whole path."""
-        return 1 if self._has_history else self.load.size
+        return 1 if self.simulation.friction_history else self.load.size
 
     def done(self, part: TaskResult) -> int:
         """Return the number of steps that a result contains."""
-        return 1 if self._has_history else len(part["force"])
+        return 1 if self.simulation.friction_history else len(part["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
-        if self._has_history:
+        if self.simulation.friction_history:
             return self._follow_path()
         index: int | None = None
         try:
-            simulation: Any = self.medium
+            simulation = self.simulation
             loads = simulation.prescribed(self.load)
             order = sort_by_load(loads)
             so_far = dict(begun or {})
@@ -446,7 +443,7 @@ class _SampleJob(Job):
 
     def _follow_path(self) -> TaskResult:
         """Return what is averaged at all loads of a path; or at those before the path ends, if it ends early."""
-        simulation: Any = self.medium
+        simulation: Any = self.simulation
         try:
             return super().solve()
         except GranphonError as error:
