@@ -80,7 +80,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ("load", _describe_load(scene.load, packing.structure.periods)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
-    if not scene.is_sweep and scene.media[0].is_automatic:
+    if not scene.is_sweep and scene.plan.rung.chosen:
         rows.append(("chosen", describe_choice(scene.plan.rung)))
     if scene.is_sweep:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]

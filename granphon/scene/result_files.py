@@ -137,9 +137,9 @@ def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append("dos.csv")
     if {"bands", "dos"} & set(scene.observe):
         drawn.append(figure_name("bands" in scene.observe))
-    if plan.rung.medium.simulates:
+    for arrays in plan.rung.arrays:
         names.append("sample.extxyz")
-        names += SAMPLE_TABLES if plan.rung.medium.settings["friction_history"] else ()
+        names += SAMPLE_TABLES if arrays.friction_history else ()
         drawn.append("forces.png")
         names += wave_files(scene.observe)
         drawn += wave_figures(scene.observe)

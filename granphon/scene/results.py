@@ -21,7 +21,6 @@ from granphon.base.notebook import write_html
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import Rung
-from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
@@ -121,7 +120,7 @@ class RunResult:
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
         medium = self.plan.rung.medium.of(self.scene.packing)
-        return medium.local_field if isinstance(medium, EffectiveMedium) and self.scene.packing.width else None
+        return medium.local_field if self.scene.packing.width else None
 
     # -- numbers --------------------------------------------------------------------------------------------------------
 

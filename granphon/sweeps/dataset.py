@@ -152,7 +152,7 @@ def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Task
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.is_one_state else label_warnings(told)
-    if any(medium.is_automatic for medium in grid.media):
+    if any(rung.chosen for work in works for rung in work.case.rungs):
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every case has
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
@@ -181,7 +181,7 @@ def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ..
     """
     error = np.zeros(work.case.load.size)
     for rung in work.case.rungs:
-        error[rung.loads] = np.nan if rung.medium.simulates and rung.packing.width else 0.0
+        error[rung.loads] = np.nan if rung.arrays and rung.packing.width else 0.0
     each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
     return part | {name: one for name, one in each.items() if name not in part}
 

@@ -32,14 +32,11 @@ def require_waves(rungs: Sequence[Rung], wanted: WaveSettings, most: float = np.
     the wave vectors of its cell, the motions of its balls, the way of the pulse and how long it may be heard. What depends
     on the load is refused if it fails at the least and at the greatest.
     """
-    for rung in rungs:
-        medium = rung.medium.of(rung.packing)
-        if not isinstance(medium, DirectSimulation) or medium.balls > most:
-            continue
-        if wanted.spectrum is None and wanted.pulse is None:
-            continue
+    if wanted.spectrum is None and wanted.pulse is None:
+        return
+    for medium, load in ((one, rung.load) for rung in rungs for one in rung.arrays if one.balls <= most):
         errors = list[GranphonError]()
-        forces = find_typical_force(medium.packing, rung.load)
+        forces = find_typical_force(medium.packing, load)
         ends = list(dict.fromkeys((float(np.min(forces)), float(np.max(forces)))))
         for number, force in enumerate(ends):
             ideal = AveragedLattice(medium.packing).at(Load.only(force=force))[0]
