@@ -33,7 +33,7 @@ _FOREIGN = {
     "ArrayLike",
 }  # fmt: skip
 #: arguments whose types are of the inside
-_INSIDE = {"SampleWaves", "Store"}
+_INSIDE = {"Analysis", "Plan", "SampleWaves", "Store"}
 
 
 @pytest.fixture(scope="module")
