@@ -13,9 +13,10 @@ from scipy.optimize import minimize
 
 import granphon as gp
 from granphon.array import equilibrium as module
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError
 from granphon.dynamics.tensors import bulk_and_shear, point_group, symmetrise
@@ -195,7 +196,7 @@ def draw(lattice, shape, seed=0):
 def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
     shape = SMALL[lattice]
     x = draw(lattice, shape)
-    state = equilibrate(x, Prescribed(overlap=overlap), Stencils(shape, lattice=lattice))
+    state = equilibrate(x, ReducedLoad(overlap=overlap), Stencils(shape, lattice=lattice))
     explicit = Explicit(lattice, shape)
     rows = explicit.rows([0])[:, 0].reshape(len(explicit.contacts), -1, 6)[..., : lattice.periods]
     rows = rows.reshape(len(explicit.contacts), -1)
@@ -209,7 +210,7 @@ def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
     h = np.maximum(overlap + means - rows @ found.x, 0.0)
     assert state.energy == pytest.approx(np.mean(0.4 * h**2.5), rel=1e-9)
     np.testing.assert_allclose(np.sort(state.forces.ravel()), np.sort(h**1.5), rtol=0.0, atol=1e-5 * state.force)
-    at_force = equilibrate(x, Prescribed(force=state.force), Stencils(shape, lattice=lattice))
+    at_force = equilibrate(x, ReducedLoad(force=state.force), Stencils(shape, lattice=lattice))
     assert at_force.overlap == pytest.approx(overlap, rel=1e-9)
 
 
@@ -223,7 +224,7 @@ def test_single_precision_serves_until_it_spoils_a_step(monkeypatch):
         return Motion(factor * step.balls, factor * step.compression), taken
 
     x = draw(FCC, shape)
-    for load in (Prescribed(overlap=0.3), Prescribed(force=0.2)):
+    for load in (ReducedLoad(overlap=0.3), ReducedLoad(force=0.2)):
         plain = equilibrate(x, load, Stencils(shape, lattice=FCC))
         with monkeypatch.context() as changed:
             changed.setattr(module, "solve_by_conjugate_gradients", spoil)
@@ -243,7 +244,7 @@ def test_single_precision_serves_until_it_spoils_a_step(monkeypatch):
 def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(lattice, eta, torsion, bending, own):
     shape, p = SMALL[lattice], lattice.periods
     x = draw(lattice, shape, 1)
-    state = equilibrate(x, Prescribed(overlap=0.15), Stencils(shape, lattice=lattice))
+    state = equilibrate(x, ReducedLoad(overlap=0.15), Stencils(shape, lattice=lattice))
     # each contact may have a torsion of its own, in proportion to its overlap
     found = elasticity(state, eta, torsion * np.maximum(state.overlaps, 0.0) if own else torsion, bending)
     explicit, kept = Explicit(lattice, shape), kinds_of(eta, torsion, bending)
@@ -283,7 +284,7 @@ def _elongations(lattice, explicit, state):
 @every_standing
 def test_equal_balls_have_the_elastic_tensor_of_the_lattice(lattice):
     shape = SMALL[lattice]
-    state = equilibrate(np.zeros_like(draw(lattice, shape)), Prescribed(overlap=0.3), Stencils(shape, lattice=lattice))
+    state = equilibrate(np.zeros_like(draw(lattice, shape)), ReducedLoad(overlap=0.3), Stencils(shape, lattice=lattice))
     for eta, torsion, bending in ((0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.2, 0.1)):
         wanted = gp.ContactLattice.of(lattice, eta, torsion=torsion, bending=bending).elastic_tensor()
         found = elasticity(state, eta, torsion, bending) / state.stiffness
@@ -298,8 +299,8 @@ def test_moving_all_balls_by_a_lattice_vector_moves_the_forces(lattice, seed, da
     axes = tuple(range(-lattice.periods, 0))
     shift = [data.draw(st.integers(0, length - 1)) for length in shape]
     stencils = Stencils(shape, lattice=lattice)
-    one = equilibrate(x, Prescribed(force=0.2), stencils)
-    other = equilibrate(np.roll(x, shift, axes), Prescribed(force=0.2), stencils)
+    one = equilibrate(x, ReducedLoad(force=0.2), stencils)
+    other = equilibrate(np.roll(x, shift, axes), ReducedLoad(force=0.2), stencils)
     np.testing.assert_allclose(np.roll(one.forces, shift, axes), other.forces, rtol=0.0, atol=1e-9)
 
 
@@ -379,7 +380,7 @@ def test_each_contact_of_a_sample_has_the_torsion_of_its_own_overlap(lattice, sh
 @pytest.mark.parametrize("lattice", ["fcc", "hcp"])
 def test_without_shear_no_torsion_or_bending_changes_the_elastic_tensor(lattice):
     x, shape = draw(find_lattice(lattice), SMALL[find_lattice(lattice)]), SMALL[find_lattice(lattice)]
-    state = equilibrate(x, Prescribed(force=0.1), Stencils(shape, lattice=find_lattice(lattice)))
+    state = equilibrate(x, ReducedLoad(force=0.1), Stencils(shape, lattice=find_lattice(lattice)))
     plain = elasticity(state, 0.0)
     for torsion, bending in ((0.1, 0.0), (0.0, 0.1), (0.1, 0.02)):
         np.testing.assert_allclose(elasticity(state, 0.0, torsion, bending), plain, rtol=0.0, atol=1e-12 * np.max(plain))

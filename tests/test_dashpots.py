@@ -10,10 +10,10 @@ import pytest
 from test_friction_history import history, ramp, run
 
 import granphon as gp
-from granphon.array.dashpots import DRAG, give_way
-from granphon.array.equilibrium import Prescribed
+from granphon.array.dashpots import DRAG, relax_overdamped
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.pressing import PressedArray
+from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import FCC, TRIANGULAR
 
 
@@ -33,8 +33,8 @@ def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, s
     trail, off, taken = run(paths, ramp(0.5, 0.7, steps=6))[-2:], [], []
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]
-        load = Prescribed(force=here.force * (1.0 + 2.0 * step)) if by_force else Prescribed(overlap=here.overlap + step)
-        direct, slow = paths.step(trail, load), give_way(paths.stepper, trail, load)
+        load = ReducedLoad(force=here.force * (1.0 + 2.0 * step)) if by_force else ReducedLoad(overlap=here.overlap + step)
+        direct, slow = paths.step(trail, load), relax_overdamped(paths.stepper, trail, load)
         assert slow is not None
         assert slow.residual <= 1e-9
         assert paths.stepper.measure(slow, load) == pytest.approx(paths.stepper.measure(direct, load), rel=1e-12)
@@ -53,8 +53,8 @@ def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, s
 def test_balls_that_fall_come_to_rest_and_lose_what_they_do_not_store(lattice, mu):
     paths = history((6, 6) if lattice is TRIANGULAR else (3, 3, 2), mu, lattice=lattice, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.2)
-    load = Prescribed(overlap=here.overlap)
-    after = give_way(paths.stepper, [here], load)
+    load = ReducedLoad(overlap=here.overlap)
+    after = relax_overdamped(paths.stepper, [here], load)
     assert after is not None
     assert after.residual <= 1e-9
     assert after.work == 0.0
@@ -66,8 +66,8 @@ def test_balls_that_fall_come_to_rest_and_lose_what_they_do_not_store(lattice, m
 def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
     paths = history((4, 4), 0.2, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.1)
-    load = Prescribed(overlap=here.overlap)
-    after, slow = give_way(paths.stepper, [here], load), here
+    load = ReducedLoad(overlap=here.overlap)
+    after, slow = relax_overdamped(paths.stepper, [here], load), here
     for drag in (*[1.0] * 40, *[0.3] * 40, *[0.1] * 200):
         slow = paths.stepper.settle([slow], load, drag)
     slow = paths.stepper.settle([slow], load, 0.0)
@@ -97,7 +97,7 @@ def place_at(overlap):
 
 def test_dashpots_are_made_stronger_while_a_ball_falls():
     falling = Falling(1.0, 0.05)
-    after = give_way(falling, [place_at(0.0)], Prescribed(overlap=0.0))
+    after = relax_overdamped(falling, [place_at(0.0)], ReducedLoad(overlap=0.0))
     assert after.overlap == pytest.approx(1.0, abs=0.05)
     assert any(later > drag > 0.0 for drag, later in itertools.pairwise(falling.drags))
     assert falling.drags[-1] == 0.0
@@ -105,10 +105,10 @@ def test_dashpots_are_made_stronger_while_a_ball_falls():
 
 def test_dashpots_give_up_where_nothing_falls_or_a_fall_has_no_end():
     stuck = Falling(1.0, 1e-6)
-    assert give_way(stuck, [place_at(0.0)], Prescribed(overlap=0.0)) is None
+    assert relax_overdamped(stuck, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
     assert stuck.drags == [DRAG]
     endless = Falling(math.inf, 0.05)
-    assert give_way(endless, [place_at(0.0)], Prescribed(overlap=0.0)) is None
+    assert relax_overdamped(endless, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
     assert len(endless.drags) < 100
 
 

@@ -189,7 +189,7 @@ def test_against_scipys_radau(shape, rtol, xi):
 
 
 def collocated(shape, xi, low, top, n=90):
-    """Origin, ends in u and Chebyshev coefficients of f in u on each interval between openings, from f - G(y, f') = 0.
+    """SceneSource, ends in u and Chebyshev coefficients of f in u on each interval between openings, from f - G(y, f') = 0.
 
     At the upper end of the first the equation itself is imposed, which selects the solution without a fast part.
     """

@@ -19,8 +19,9 @@ from test_stencils import Explicit
 import granphon as gp
 from granphon.array import equilibrium as module
 from granphon.array import linear_response
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.balls.distributions import UniformShape
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
@@ -42,7 +43,7 @@ def balls(shape, seed=0):
 
 @functools.cache
 def at_rest(shape, seed, spacing):
-    return equilibrate(balls(shape, seed), Prescribed(overlap=spacing - 0.5))
+    return equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
 
 
 def close_forces(one, other, tolerance=1e-8):
@@ -112,11 +113,11 @@ def newton(x, load, solve, strain=((0.0, 0.0), (0.0, 0.0))):
 @every_spacing
 def test_against_newtons_method_with_a_matrix(solve, shape, spacing):
     state = at_rest(shape, 1, spacing)
-    forces, _ = newton(balls(shape, 1), Prescribed(overlap=spacing - 0.5), solve)
+    forces, _ = newton(balls(shape, 1), ReducedLoad(overlap=spacing - 0.5), solve)
     close_forces(state.forces, forces, 1e-9)
     assert state.force == pytest.approx(np.mean(forces), rel=1e-11)
     # and the other way: the load given, the overlap found
-    load = Prescribed(force=state.force)
+    load = ReducedLoad(force=state.force)
     forces, y = newton(balls(shape, 1), load, solve)
     assert y == pytest.approx(spacing - 0.5, abs=1e-12)
     again = equilibrate(balls(shape, 1), load)
@@ -165,7 +166,7 @@ def test_high_loads_of_one_sample_meet_second_order_theory():
     # one sample has a third order as well; of the whole distribution it is zero
     x, r = balls((9, 7)), projected(balls((9, 7)))
     overlaps = np.array([1e2, 1e3, 1e4])
-    errors = np.abs([correction(equilibrate(x, Prescribed(overlap=y))) - r for y in overlaps.tolist()])
+    errors = np.abs([correction(equilibrate(x, ReducedLoad(overlap=y))) - r for y in overlaps.tolist()])
     order = -np.diff(np.log(errors)) / np.diff(np.log(overlaps))
     np.testing.assert_allclose(order, 1.0, atol=0.05)
     assert errors[-1] < 1e-4 * r
@@ -187,7 +188,7 @@ def test_second_order_is_that_of_the_local_field():
 @pytest.mark.claim("high-pressure-orders")
 def test_high_loads_of_many_samples_meet_the_local_field():
     seeds, length = range(40), 16
-    values = [correction(equilibrate(balls((length, length), seed), Prescribed(overlap=300.0))) for seed in seeds]
+    values = [correction(equilibrate(balls((length, length), seed), ReducedLoad(overlap=300.0))) for seed in seeds]
     error = np.std(values, ddof=1) / math.sqrt(len(values))
     assert error < 0.01 * R
     assert np.mean(values) == pytest.approx(expected(length), abs=3.0 * error)
@@ -196,7 +197,7 @@ def test_high_loads_of_many_samples_meet_the_local_field():
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (4, 3)], ids=str)
 def test_equal_balls_are_hertzs(shape):
-    for load in (Prescribed(overlap=0.7), Prescribed(force=0.7**1.5)):
+    for load in (ReducedLoad(overlap=0.7), ReducedLoad(force=0.7**1.5)):
         state = equilibrate(np.zeros(shape), load)
         assert (state.overlap, state.force) == pytest.approx((0.7, 0.7**1.5), rel=1e-15)
         assert state.stiffness == pytest.approx(1.5 * 0.7**0.5, rel=1e-14)
@@ -209,7 +210,7 @@ def test_two_kinds_of_columns_by_hand():
     # x alternates along a2 (period two): contacts along a1 join like balls, the others unlike ones. Nothing moves:
     # every ball sits at a centre of symmetry
     x, y = np.tile([0.3, -0.3], (2, 1)), 1.0
-    state = equilibrate(x, Prescribed(overlap=y))
+    state = equilibrate(x, ReducedLoad(overlap=y))
     h = np.array([np.full((2, 2), y), y + x, np.full((2, 2), y)])
     np.testing.assert_allclose(state.overlaps, h, rtol=1e-14)
     assert state.force == pytest.approx((2.0 + (1.3**1.5 + 0.7**1.5) / 2.0) / 3.0, rel=1e-14)
@@ -233,7 +234,7 @@ def test_derivatives_are_those_of_the_force(shape, spacing):
 
     @functools.cache
     def there(overlap):
-        return equilibrate(balls(shape, 1), Prescribed(overlap=overlap))
+        return equilibrate(balls(shape, 1), ReducedLoad(overlap=overlap))
 
     # contacts open and close at some loads, where the third derivative of the force jumps
     step = 2e-5 * (1.0 if spacing > 0.6 else 0.2)
@@ -265,7 +266,7 @@ def residual(state):
 @pytest.mark.parametrize("spacing", [1e3, 1.0, 0.7, 0.5, 0.42, 0.39, 0.363])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_nothing_is_left_on_any_ball(spacing, seed):
-    state = equilibrate(balls((32, 32), seed), Prescribed(overlap=spacing - 0.5))
+    state = equilibrate(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
     assert state.residual <= 1e-10
     assert residual(state) == pytest.approx(state.residual, rel=1e-2, abs=1e-14)
 
@@ -274,7 +275,7 @@ def test_nothing_is_left_on_any_ball(spacing, seed):
 def test_contacts_that_carry_load_stand_out(spacing):
     # those of balls that nothing holds have less than what is left on a ball, those of the others far more
     for seed in range(4):
-        state = equilibrate(balls((32, 32), seed), Prescribed(overlap=spacing - 0.5))
+        state = equilibrate(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
         parts = state.forces[state.forces > 0.0] / (state.force * state.residual)
         assert not np.any((parts > 1.0) & (parts < 100.0))
         assert np.array_equal(state.stiffnesses > 0.0, state.forces > 10.0 * state.residual * state.force)
@@ -284,11 +285,11 @@ def test_contacts_that_carry_load_stand_out(spacing):
 @pytest.mark.claim("array-balance")
 def test_loading_unloading_and_cold_are_one():
     x = balls((20, 20), 2)
-    loads = [Prescribed(overlap=spacing - 0.5) for spacing in (2.0, 1.0, 0.7, 0.5, 0.42, 0.38)]
+    loads = [ReducedLoad(overlap=spacing - 0.5) for spacing in (2.0, 1.0, 0.7, 0.5, 0.42, 0.38)]
     stencils = Stencils(x.shape)
     runs = []
     for order in (loads, loads[::-1]):
-        states: dict[Prescribed, Equilibrium] = {}
+        states: dict[ReducedLoad, Equilibrium] = {}
         last = None
         for load in order:
             last = states[load] = equilibrate(x, load, stencils, last)
@@ -315,7 +316,7 @@ def test_any_balls_under_any_load(shape, kind, seed, decade):
         "skewed": lambda: rng.exponential(0.3, shape),
     }[kind]()
     x = x - np.mean(x)
-    load = Prescribed(force=10.0**decade)
+    load = ReducedLoad(force=10.0**decade)
     state = equilibrate(x, load)
     assert state.force == pytest.approx(load.force, rel=2e-13)
     assert state.residual <= 1e-10
@@ -323,7 +324,7 @@ def test_any_balls_under_any_load(shape, kind, seed, decade):
     assert np.min(state.forces) >= 0.0
     # f is convex in y: stiffness above zero, and forces on balls are in balance along each line of contacts
     assert state.stiffness > 0.0
-    again = equilibrate(x, Prescribed(overlap=state.overlap))
+    again = equilibrate(x, ReducedLoad(overlap=state.overlap))
     close_forces(again.forces, state.forces)
 
 
@@ -356,7 +357,7 @@ def test_the_matrices_are_the_lattices_own():
 
 @pytest.mark.parametrize("spacing", [1.0, 0.5])
 def test_symmetries_of_the_lattice(spacing):
-    x, load = balls((10, 10), 3), Prescribed(overlap=spacing - 0.5)
+    x, load = balls((10, 10), 3), ReducedLoad(overlap=spacing - 0.5)
     first = equilibrate(x, load)
     forces = np.sort(first.forces.ravel())
     for matrix, shift in itertools.zip_longest(symmetries(), [(0, 0), (3, 8), (1, 1)], fillvalue=(0, 5)):
@@ -369,12 +370,12 @@ def test_symmetries_of_the_lattice(spacing):
 
 @pytest.mark.parametrize(("shape", "copies"), [((4, 5), (2, 3)), ((1, 6), (3, 1)), ((1, 1), (4, 2))])
 def test_copies_side_by_side_are_the_sample_itself(shape, copies):
-    x, load = balls(shape, 5), Prescribed(overlap=0.1)
+    x, load = balls(shape, 5), ReducedLoad(overlap=0.1)
     close_forces(equilibrate(np.tile(x, copies), load).forces, np.tile(equilibrate(x, load).forces, (1, *copies)), 1e-8)
 
 
 def test_threads_of_the_fourier_transform_change_no_digit():
-    x, load = balls((24, 20), 4), Prescribed(overlap=0.0)
+    x, load = balls((24, 20), 4), ReducedLoad(overlap=0.0)
     one, two = (equilibrate(x, load, Stencils(x.shape, workers=workers)) for workers in (1, 2))
     np.testing.assert_array_equal(one.balls, two.balls)
     assert one.stiffness == two.stiffness
@@ -409,7 +410,7 @@ def test_threshold_of_rigidity(n, most):
     for seed in range(n):
         state, rows = None, []
         for force in forces.tolist():
-            state = equilibrate(balls((32, 32), seed), Prescribed(force=force), None, state)
+            state = equilibrate(balls((32, 32), seed), ReducedLoad(force=force), None, state)
             rows.append((state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force)))
         at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), rows, 2)[0])
     values, errors = np.mean(at_no_load, axis=0), np.std(at_no_load, axis=0, ddof=1) / math.sqrt(n)
@@ -424,7 +425,7 @@ def test_threshold_of_rigidity(n, most):
 @pytest.mark.parametrize("spacing", [0.3, 0.2, 0.0, -0.5, -100.0])
 def test_below_the_threshold_there_is_no_load(spacing):
     with pytest.raises(InputError, match="carries no load") as error:
-        equilibrate(balls((16, 16)), Prescribed(overlap=spacing - 0.5))
+        equilibrate(balls((16, 16)), ReducedLoad(overlap=spacing - 0.5))
     assert f"{spacing - 0.5:.6g} widths" in str(error.value)
     assert "Press it together more" in str(error.value)
 
@@ -432,28 +433,28 @@ def test_below_the_threshold_there_is_no_load(spacing):
 def test_equal_balls_at_no_overlap_carry_no_load():
     for y in (0.0, -1.0):
         with pytest.raises(InputError, match="carries no load"):
-            equilibrate(np.zeros((3, 3)), Prescribed(overlap=y))
+            equilibrate(np.zeros((3, 3)), ReducedLoad(overlap=y))
 
 
 @pytest.mark.claim("least-loads")
 def test_what_is_reached_is_said(monkeypatch):
     monkeypatch.setattr(module, "_NEWTON_STEPS", 3)
     with pytest.raises(ConvergenceError, match="not come to rest after 3 steps") as error:
-        equilibrate(balls((16, 16)), Prescribed(overlap=0.0))
+        equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
     left = float(str(error.value).split("a force of ")[1].split(" of the mean")[0])
     assert 1e-10 < left < 100.0
     assert "overlap of 0 widths" in str(error.value)
 
 
 def test_response_that_is_not_found_is_said(monkeypatch):
-    state = equilibrate(balls((16, 16)), Prescribed(overlap=0.0))
+    state = equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
     monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 1)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 
 
 def test_tolerance_is_met_and_not_more_than_needed():
-    rough, fine = (equilibrate(balls((24, 24)), Prescribed(overlap=0.2), tolerance=t) for t in (1e-4, 1e-12))
+    rough, fine = (equilibrate(balls((24, 24)), ReducedLoad(overlap=0.2), tolerance=t) for t in (1e-4, 1e-12))
     assert fine.residual <= 1e-12 < rough.residual <= 1e-4
     assert rough.conjugate < fine.conjugate
 
@@ -461,19 +462,19 @@ def test_tolerance_is_met_and_not_more_than_needed():
 def test_extremes():
     x = balls((7, 11))
     for y in (1e4, 1e8, 1e12):
-        state = equilibrate(x, Prescribed(overlap=y))
+        state = equilibrate(x, ReducedLoad(overlap=y))
         assert state.force == pytest.approx(y**1.5, rel=1e-8)
         assert state.residual <= 1e-10
         assert correction(state) == pytest.approx(projected(x), rel=1e-3 if y < 1e5 else 1e-3 * y / 1e4)
     for force in (1e-5, 1e20):
-        assert equilibrate(x, Prescribed(force=force)).force == pytest.approx(force, rel=1e-11)
+        assert equilibrate(x, ReducedLoad(force=force)).force == pytest.approx(force, rel=1e-11)
 
 
 @pytest.mark.claim("least-loads")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_loads_next_to_nothing(seed):
     # overlaps of 2e-5 at y = -0.15: its last digit is 2e-12 of the force
-    state = equilibrate(balls((16, 16), seed), Prescribed(force=1e-7))
+    state = equilibrate(balls((16, 16), seed), ReducedLoad(force=1e-7))
     assert state.force == pytest.approx(1e-7, rel=1e-11)
     assert state.residual <= 1e-10
     assert residual(state) <= 1.1e-10

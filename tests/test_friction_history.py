@@ -19,7 +19,7 @@ from test_stencils import Explicit, cartesian
 import granphon as gp
 from granphon.array import coupling, friction, gas, linear_step, load_step, stepper
 from granphon.array import history as module
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import LatticeGeometry, multiply
 from granphon.array.history import LoadingHistory
@@ -30,6 +30,7 @@ from granphon.array.pressing import integrate_last
 from granphon.array.residuals import solve_by_minimal_residuals
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.array.true_geometry import ExactGeometry
 from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError
@@ -76,7 +77,7 @@ RATIOS = pytest.mark.parametrize("ratio", [0.0, 2.55e-4])
 def ramp(*turns, steps):
     """Overlaps a* - 1/2 from one turn to the next, in this many steps each, without the first."""
     parts = [np.linspace(a, b, steps + 1)[1:] for a, b in itertools.pairwise(turns)]
-    return [Prescribed(overlap=float(y) - 0.5) for y in np.concatenate(parts)]
+    return [ReducedLoad(overlap=float(y) - 0.5) for y in np.concatenate(parts)]
 
 
 def run(paths, loads):
@@ -383,8 +384,8 @@ def test_energies_do_not_depend_on_how_many_loads_a_way_has(mu, ratio):
     """In one go, and over many stops, there and back: the work that is left, and what is lost on the way."""
     stencils, x = Stencils((8, 8), ETA), balls((8, 8))
     geometry = ExactGeometry(stencils, x, ratio) if ratio else None
-    up = [Prescribed(overlap=float(y)) for y in np.linspace(0.0, 0.6, 25)[1:]]
-    ways = [[up[-1], Prescribed(overlap=0.1)], [*up, *up[-2:2:-1]]]
+    up = [ReducedLoad(overlap=float(y)) for y in np.linspace(0.0, 0.6, 25)[1:]]
+    ways = [[up[-1], ReducedLoad(overlap=0.1)], [*up, *up[-2:2:-1]]]
     (one, many) = (run(LoadingHistory(x, stencils, mu, 1e-4, geometry=geometry), way) for way in ways)
     high = many[len(up) - 1]
     assert many[-1].overlap == pytest.approx(one[-1].overlap, rel=1e-12)
@@ -404,7 +405,7 @@ def test_small_reversals_lose_energy_in_first_order(ratio):
     for change in (1e-3, 5e-4, 2.5e-4):
         state = high
         for sign in (-1.0, 1.0):
-            state = paths.step([state], Prescribed(overlap=state.overlap + sign * change))
+            state = paths.step([state], ReducedLoad(overlap=state.overlap + sign * change))
         lost.append(state.dissipated - high.dissipated)
     assert lost[2] == pytest.approx(0.004 * high.force * 2.5e-4, rel=0.125)
     assert lost[0] / lost[1] == pytest.approx(2.0, rel=0.1)
@@ -429,21 +430,21 @@ def test_friction_raises_the_force_as_an_independent_trial_has_it():
     """No sliding, 32 x 32 balls from a* = 1/2: some 5 % at a* = 0.7, 1.5 % at a* = 1."""
     at = {round(state.overlap + 0.5, 6): state for state in history((32, 32)).path(ramp(0.5, 1.0, steps=10))}
     for spacing, rise in ((0.7, 0.05), (1.0, 0.015)):
-        smooth = equilibrate(balls((32, 32)), Prescribed(overlap=spacing - 0.5)).force
+        smooth = equilibrate(balls((32, 32)), ReducedLoad(overlap=spacing - 0.5)).force
         assert at[spacing].force / smooth - 1.0 == pytest.approx(rise, rel=0.15)
 
 
 @pytest.mark.claim("friction-small")
 def test_without_friction_forces_are_those_of_the_equilibrium():
     for state in history((8, 8), 0.0).path(ramp(0.5, 0.9, 0.6, steps=2)):
-        expected = equilibrate(balls((8, 8)), Prescribed(overlap=state.overlap)).forces
+        expected = equilibrate(balls((8, 8)), ReducedLoad(overlap=state.overlap)).forces
         np.testing.assert_allclose(state.contacts.forces, expected, rtol=0.0, atol=1e-7 * np.mean(expected))
         assert not np.any(state.contacts.shears)
 
 
 @pytest.mark.claim("friction-small")
 def test_small_friction_changes_forces_in_proportion_to_it():
-    start, smooth = (equilibrate(balls((3, 4)), Prescribed(overlap=overlap)) for overlap in (0.0, 0.4))
+    start, smooth = (equilibrate(balls((3, 4)), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.4))
     changes = []
     for mu in (0.02, 0.01, 0.005):
         (state,) = run(history((3, 4), mu, start=start), ramp(0.5, 0.9, steps=1))
@@ -454,7 +455,7 @@ def test_small_friction_changes_forces_in_proportion_to_it():
 
 @pytest.mark.claim("friction-small")
 def test_next_to_no_friction_finds_which_contacts_hold_the_balls():
-    start, smooth = (equilibrate(balls((8, 8), 1), Prescribed(overlap=overlap)) for overlap in (0.0, 0.3))
+    start, smooth = (equilibrate(balls((8, 8), 1), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.3))
     changes = []
     for mu in (1e-4, 1e-6):
         (state,) = run(history((8, 8), mu, seed=1, start=start), ramp(0.5, 0.8, steps=1))
@@ -465,7 +466,7 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls():
 
 
 def test_the_smallest_friction_coefficients_are_numbers_like_others():
-    smooth = equilibrate(balls((4, 4), 1), Prescribed(overlap=0.3))
+    smooth = equilibrate(balls((4, 4), 1), ReducedLoad(overlap=0.3))
     for mu in (1e-12, 1e-310, 5e-324):
         (state,) = run(history((4, 4), mu, seed=1), ramp(0.5, 0.8, steps=1))
         assert_allclose(state.contacts.forces, smooth.forces, atol=1e-9 * np.mean(smooth.forces))
@@ -487,14 +488,14 @@ def test_the_law_is_one_for_every_order_of_memory():
 
 def test_balls_that_touch_are_not_turned_at_once():
     # in the first step of this array loose neighbours undid each other's turns without end
-    state = run(history((16, 16), 1e-4, seed=3), [Prescribed(overlap=0.025)])[-1]
+    state = run(history((16, 16), 1e-4, seed=3), [ReducedLoad(overlap=0.025)])[-1]
     assert state.residual <= 1e-9
 
 
 def test_equal_balls_never_bear_tangential_forces():
     shape = (5, 6)
     paths = LoadingHistory(
-        np.zeros(shape), Stencils(shape, ETA), 0.2, math.inf, equilibrate(np.zeros(shape), Prescribed(0.1))
+        np.zeros(shape), Stencils(shape, ETA), 0.2, math.inf, equilibrate(np.zeros(shape), ReducedLoad(0.1))
     )
     for state in paths.path(ramp(0.7, 1.0, 0.7, steps=2)):
         assert not np.any(state.contacts.shears)
@@ -504,7 +505,7 @@ def test_equal_balls_never_bear_tangential_forces():
 def test_forces_converge_with_the_order_of_the_step():
     """Of all contact forces, by what halving the steps changes: all contacts are closed, and none slides."""
     x = balls((6, 6), 2)
-    start = equilibrate(x, Prescribed(overlap=0.6))
+    start = equilibrate(x, ReducedLoad(overlap=0.6))
     found = [
         run(history((6, 6), seed=2, start=start), ramp(1.1, 1.6, steps=steps))[-1].contacts.forces for steps in (2, 4, 8, 16)
     ]
@@ -516,7 +517,7 @@ def test_forces_converge_with_the_order_of_the_step():
 def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
     """Loading bends contacts at a smaller k than unloading, so that no cycle closes, even where nothing slides."""
     x, left, lost = balls((6, 6), 2), [], []
-    start = equilibrate(x, Prescribed(overlap=0.6))
+    start = equilibrate(x, ReducedLoad(overlap=0.6))
     for rise in (0.04, 0.02, 0.01):
         last = run(history((6, 6), seed=2, start=start), ramp(1.1, 1.1 + rise, 1.1, steps=4))[-1]
         left.append(np.linalg.norm(last.contacts.tangential))
@@ -542,7 +543,7 @@ def test_in_small_cycles_contacts_stick(ratio):
     assert slide < 0.98 * stick
     met = []
     for change in (1e-4, -1e-4, 1e-4, -1e-4, 1e-4):
-        after = paths.step([state], Prescribed(overlap=state.overlap + change))
+        after = paths.step([state], ReducedLoad(overlap=state.overlap + change))
         met.append((after.force - state.force) / change)
         state = after
     assert 1.001 * slide < met[0] < 0.99 * stick
@@ -562,9 +563,9 @@ def test_steps_are_refined_until_the_force_does_not_change():
 
 def test_a_given_force_is_met_and_its_overlap_leads_there():
     paths = history((8, 8), 0.2, seed=1)
-    by_force = run(paths, [Prescribed(force=0.05), Prescribed(force=0.2)])
+    by_force = run(paths, [ReducedLoad(force=0.05), ReducedLoad(force=0.2)])
     assert [state.force for state in by_force] == pytest.approx([0.05, 0.2], rel=1e-11)
-    by_overlap = run(paths, [Prescribed(overlap=state.overlap) for state in by_force])
+    by_overlap = run(paths, [ReducedLoad(overlap=state.overlap) for state in by_force])
     np.testing.assert_allclose(by_overlap[-1].contacts.forces, by_force[-1].contacts.forces, rtol=0.0, atol=1e-8)
 
 
@@ -586,7 +587,7 @@ def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu
     last = run(paths, ramp(0.5, 1.0, steps=2))[-1]
     assert len(seen) == last.steps > 4
     ends = [0.0, *(state.overlap for state in seen)]
-    halves = [Prescribed(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
+    halves = [ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
     twice = run(history((6, 6), mu, seed=1), halves)
     assert abs(twice[-1].force / last.force - 1.0) < 3e-4
     assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
@@ -600,9 +601,9 @@ def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu, ratio):
     paths, seen = history_in(ratio, (12, 12), mu, 1e-4), []
     original = paths._refine
     paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
-    run(paths, [Prescribed(overlap=y) for y in (0.2, 0.4, 0.2, 0.0)])
+    run(paths, [ReducedLoad(overlap=y) for y in (0.2, 0.4, 0.2, 0.0)])
     ends = [0.0, *(state.overlap for state in seen)]
-    halves = [Prescribed(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
+    halves = [ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
     twice = run(history_in(ratio, (12, 12), mu), halves)[1::2]
     changes = [abs(one.force / other.force - 1.0) for one, other in zip(seen, twice, strict=True)]
     assert 1e-6 < max(changes) < 3e-4
@@ -617,7 +618,7 @@ def begin_step(mu, side=8):
     here = run(paths, ramp(0.5, 0.7, steps=3))[-1]
     steps = paths.stepper
     place = steps.geometry.place(here.balls, here.overlap)
-    load = Prescribed(overlap=here.overlap)
+    load = ReducedLoad(overlap=here.overlap)
     return load_step.LoadStep(steps.geometry, steps.law, here, place, load, Patches(steps.geometry.stencils)), here
 
 
@@ -784,12 +785,12 @@ def test_a_product_is_not_changed_by_the_next_one():
 
 def test_a_start_may_be_a_load():
     loads = ramp(0.6, 0.8, steps=1)
-    given = run(history((6, 6), 0.2, start=equilibrate(balls((6, 6)), Prescribed(overlap=0.1))), loads)[0]
-    found = run(history((6, 6), 0.2, start=Prescribed(overlap=0.1)), loads)[0]
+    given = run(history((6, 6), 0.2, start=equilibrate(balls((6, 6)), ReducedLoad(overlap=0.1))), loads)[0]
+    found = run(history((6, 6), 0.2, start=ReducedLoad(overlap=0.1)), loads)[0]
     np.testing.assert_array_equal(found.contacts.forces, given.contacts.forces)
 
 
-@pytest.mark.parametrize("load", [Prescribed(overlap=-0.3), Prescribed(force=1e-10)])
+@pytest.mark.parametrize("load", [ReducedLoad(overlap=-0.3), ReducedLoad(force=1e-10)])
 def test_a_start_below_the_threshold_is_an_error(load):
     with pytest.raises(InputError, match="starts below the threshold"):
         history((6, 6), 0.2, start=load).begin()
@@ -823,7 +824,7 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
         first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
         here, taken = damped.place(np.zeros((2, *shape)), first), 0.0
         for _ in range(36 * finer):
-            before, here = here, damped.step([here], Prescribed(overlap=here.overlap + gas.STEP / finer))
+            before, here = here, damped.step([here], ReducedLoad(overlap=here.overlap + gas.STEP / finer))
             loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
             slip = here.contacts.slips - before.contacts.slips
             taken += damped.drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
@@ -895,13 +896,13 @@ def test_the_drag_of_the_gas_matters_little_at_high_loads(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("load", "name"), [(Prescribed(overlap=0.25), "an overlap of 0.25"), (Prescribed(force=0.3), r"f\* = 0.3")]
+    ("load", "name"), [(ReducedLoad(overlap=0.25), "an overlap of 0.25"), (ReducedLoad(force=0.3), r"f\* = 0.3")]
 )
 def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, name):
-    states = history((6, 6), 0.2).path([Prescribed(overlap=0.05), load])
+    states = history((6, 6), 0.2).path([ReducedLoad(overlap=0.05), load])
     assert next(states).overlap == 0.05
     monkeypatch.setattr(load_step, "_NEWTON_STEPS", 0)
-    monkeypatch.setattr(stepper, "PATIENT", load_step.Lags(0, 0, 0.0, 1))
+    monkeypatch.setattr(stepper, "SLOW_LIMITS", load_step.FixedLimitSettings(0, 0, 0.0, 1))
     monkeypatch.setattr(stepper, "MOST_HALVINGS", 1)
     with pytest.raises(ConvergenceError, match=name + r".*was last at an overlap of .*, f\* = ") as caught:
         next(states)
@@ -910,7 +911,7 @@ def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, nam
 
 def test_balls_that_come_apart_are_said_to():
     with pytest.raises(ConvergenceError, match="No load is left on the balls") as caught:
-        run(history((6, 6), math.inf), [Prescribed(overlap=0.05), Prescribed(overlap=-0.3)])
+        run(history((6, 6), math.inf), [ReducedLoad(overlap=0.05), ReducedLoad(overlap=-0.3)])
     assert caught.value.reached.overlap == 0.05
 
 
@@ -926,7 +927,7 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
 
     monkeypatch.setattr(paths, "_compare", fall)
     monkeypatch.setattr(module, "MOST_HALVINGS", 4)
-    loads = [Prescribed(overlap=0.2)]
+    loads = [ReducedLoad(overlap=0.2)]
     if ends:
         with pytest.raises(ConvergenceError, match="Halving the step still changes"):
             run(paths, loads)
@@ -948,7 +949,7 @@ def test_a_path_does_not_go_on_for_ever(monkeypatch):
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])
 def test_arrays_of_one_or_two_balls_come_to_rest(shape):
-    state = run(history(shape, 0.2, start=Prescribed(force=0.05)), [Prescribed(force=0.3), Prescribed(force=0.5)])[-1]
+    state = run(history(shape, 0.2, start=ReducedLoad(force=0.05)), [ReducedLoad(force=0.3), ReducedLoad(force=0.5)])[-1]
     assert state.residual <= 1e-9
 
 
@@ -974,14 +975,14 @@ def test_minimal_residuals_take_no_more_iterations_than_there_are_eigenvalues(ki
 
 
 def test_where_the_array_stands_no_step_is_taken():
-    first, again, last = run(history((6, 6), 0.2), [Prescribed(overlap=y) for y in (0.1, 0.1, 0.2)])
+    first, again, last = run(history((6, 6), 0.2), [ReducedLoad(overlap=y) for y in (0.1, 0.1, 0.2)])
     assert again is first
     assert last.steps > first.steps
 
 
 def test_balls_that_fall_apart_are_an_error_of_their_load():
     with pytest.raises(ConvergenceError, match=r"an overlap of -0\.49.*No load is left on the balls; at f\* = "):
-        run(history((6, 6), 0.2), [Prescribed(overlap=0.1), Prescribed(overlap=-0.49)])
+        run(history((6, 6), 0.2), [ReducedLoad(overlap=0.1), ReducedLoad(overlap=-0.49)])
 
 
 @pytest.mark.parametrize(
@@ -997,4 +998,4 @@ def test_a_history_needs_shear_stiffness_and_a_load():
     with pytest.raises(InputError, match="shear stiffness"):
         LoadingHistory(balls((4, 4)), Stencils((4, 4)))
     with pytest.raises(InputError, match="not above zero"):
-        run(history((4, 4)), [Prescribed(force=0.0)])
+        run(history((4, 4)), [ReducedLoad(force=0.0)])

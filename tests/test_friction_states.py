@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 import granphon as gp
-from granphon.array.equilibrium import Prescribed
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
 from granphon.array.stepper import Stepper
+from granphon.array.steps import ReducedLoad
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
 from granphon.dynamics.tensors import symmetrise
@@ -60,7 +60,7 @@ def cube():
 def test_states_are_those_of_the_history():
     paths = simulation()
     history = LoadingHistory(paths.deviations(0), Stencils((6, 6), ETA), 0.2, 1e-2)
-    for state, known in zip(cycle(), history.path(Prescribed(overlap=y) for y in (0.15, 0.3, 0.15, 0.02)), strict=True):
+    for state, known in zip(cycle(), history.path(ReducedLoad(overlap=y) for y in (0.15, 0.3, 0.15, 0.02)), strict=True):
         forces = np.moveaxis(known.contacts.forces, 0, -1)
         np.testing.assert_allclose(state.sample.contact_forces, UNITS.force * forces, rtol=1e-12, atol=1e-20)
         assert state.force == pytest.approx(UNITS.force * known.force, rel=1e-14)

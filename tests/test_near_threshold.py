@@ -12,11 +12,12 @@ from test_stencils import ETA, Explicit
 from granphon.array import equilibrium as module
 from granphon.array import linear_response
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients, solve_by_descent
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.interior import centre, split
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners, factorise_contacts
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import FCC
 
 
@@ -33,7 +34,7 @@ def by_newton(x, load, **more):
 
 @pytest.mark.parametrize("spacing", [0.45, 0.4, 0.37])
 def test_equilibrium_is_that_of_newtons_method(spacing):
-    x, load = balls((24, 22), 5), Prescribed(overlap=spacing - 0.5)
+    x, load = balls((24, 22), 5), ReducedLoad(overlap=spacing - 0.5)
     found, expected = equilibrate(x, load), by_newton(x, load)
     close_forces(found.forces, expected.forces, 1e-9)
     assert residual(found) <= 1.1e-10
@@ -41,21 +42,21 @@ def test_equilibrium_is_that_of_newtons_method(spacing):
 
 
 def test_equilibrium_is_that_of_a_matrix():
-    x, load = balls((10, 9), 5), Prescribed(overlap=-0.1)
+    x, load = balls((10, 9), 5), ReducedLoad(overlap=-0.1)
     close_forces(equilibrate(x, load).forces, newton(x, load, by_lstsq)[0])
 
 
 @pytest.mark.parametrize("force", [1e-2, 1e-3, 1e-4])
 def test_force_and_overlap_given_are_one(force):
     x = balls((16, 15), 1)
-    by_force = equilibrate(x, Prescribed(force=force))
+    by_force = equilibrate(x, ReducedLoad(force=force))
     assert by_force.force == pytest.approx(force, rel=2e-13)
     assert residual(by_force) <= 1.1e-10
-    close_forces(equilibrate(x, Prescribed(overlap=by_force.overlap)).forces, by_force.forces)
+    close_forces(equilibrate(x, ReducedLoad(overlap=by_force.overlap)).forces, by_force.forces)
     # from another load too
-    near = equilibrate(x, Prescribed(force=1.3 * force))
-    close_forces(equilibrate(x, Prescribed(force=force), start=near).forces, by_force.forces)
-    close_forces(by_newton(x, Prescribed(force=force)).forces, by_force.forces)
+    near = equilibrate(x, ReducedLoad(force=1.3 * force))
+    close_forces(equilibrate(x, ReducedLoad(force=force), start=near).forces, by_force.forces)
+    close_forces(by_newton(x, ReducedLoad(force=force)).forces, by_force.forces)
 
 
 @settings(max_examples=12)
@@ -63,29 +64,29 @@ def test_force_and_overlap_given_are_one(force):
 def test_small_arrays_of_any_balls(shape, seed, decade):
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
     x -= np.mean(x)
-    load = Prescribed(force=10.0**decade)
+    load = ReducedLoad(force=10.0**decade)
     found = equilibrate(x, load)
     assert found.force == pytest.approx(load.force, rel=2e-13)
     assert residual(found) <= 1.1e-10
-    close_forces(equilibrate(x, Prescribed(overlap=found.overlap)).forces, found.forces)
+    close_forces(equilibrate(x, ReducedLoad(overlap=found.overlap)).forces, found.forces)
     close_forces(by_newton(x, load).forces, found.forces)
 
 
 def test_balls_that_nothing_holds_touch_no_other():
     # they rest inside their cages: no contact has a trace of force
     x = balls((32, 32), 2)
-    state = equilibrate(x, Prescribed(overlap=-0.13))
+    state = equilibrate(x, ReducedLoad(overlap=-0.13))
     forces = state.forces / state.force
     assert np.all((forces == 0.0) | (forces > 1e-6))
     held = Stencils(x.shape).around((forces > 0.0).astype(float))
     assert np.mean(held == 0.0) > 0.1
     # Newton's method leaves some where they touch
-    others = by_newton(x, Prescribed(overlap=-0.13)).forces / state.force
+    others = by_newton(x, ReducedLoad(overlap=-0.13)).forces / state.force
     assert np.any((others > 0.0) & (others < 1e-6))
 
 
 def test_it_takes_far_fewer_iterations():
-    x, load = balls((64, 64)), Prescribed(overlap=-0.137)
+    x, load = balls((64, 64)), ReducedLoad(overlap=-0.137)
     found, expected = equilibrate(x, load), by_newton(x, load)
     assert 3 * found.conjugate < expected.conjugate
     assert found.newton < expected.newton
@@ -94,10 +95,10 @@ def test_it_takes_far_fewer_iterations():
 
 def test_loads_that_nothing_can_bear_are_still_refused():
     with pytest.raises(module.InputError, match="carries no load"):
-        equilibrate(balls((16, 16)), Prescribed(overlap=-0.3))
+        equilibrate(balls((16, 16)), ReducedLoad(overlap=-0.3))
 
 
-@pytest.mark.parametrize("load", [Prescribed(overlap=-0.1), Prescribed(force=1e-3)])
+@pytest.mark.parametrize("load", [ReducedLoad(overlap=-0.1), ReducedLoad(force=1e-3)])
 def test_newtons_method_goes_on_from_the_start_where_it_does_not_come_near(load, monkeypatch):
     x = balls((16, 15), 1)
     expected = equilibrate(x, load)
@@ -110,7 +111,7 @@ def test_newtons_method_goes_on_from_the_start_where_it_does_not_come_near(load,
 @pytest.mark.parametrize("seed", range(4))
 def test_least_loads_of_few_balls(seed):
     # next to the threshold itself, where a contact more or less decides
-    found = equilibrate(balls((5, 5), seed), Prescribed(force=1.01e-8))
+    found = equilibrate(balls((5, 5), seed), ReducedLoad(force=1.01e-8))
     assert found.force == pytest.approx(1.01e-8, rel=2e-13)
     assert found.residual <= 1e-10
 
@@ -146,7 +147,7 @@ def test_steps_at_low_loads_in_space(seed):
     # without centring 51 and 58 steps
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, (12, 12, 12))
     x -= np.mean(x)
-    state = equilibrate(x, Prescribed(force=1e-4), Stencils(x.shape, lattice=FCC))
+    state = equilibrate(x, ReducedLoad(force=1e-4), Stencils(x.shape, lattice=FCC))
     assert state.newton < 45  # 42 or less, as it is rounded
     assert state.residual <= 1e-10
 
@@ -203,7 +204,7 @@ def test_factors_are_symmetric_and_positive_where_contacts_are_open(eta):
 
 @pytest.mark.parametrize("eta", [0.0, ETA])
 def test_linear_response_where_half_of_the_contacts_are_open(eta):
-    state = equilibrate(balls((12, 11), 4), Prescribed(overlap=-0.12))
+    state = equilibrate(balls((12, 11), 4), ReducedLoad(overlap=-0.12))
     stencils, normal = Stencils((12, 11), eta), state.stiffnesses
     assert np.mean(normal > 0.0) < 0.6
     stiffness = stencils.weights(normal)
@@ -220,7 +221,7 @@ def test_linear_response_where_half_of_the_contacts_are_open(eta):
 
 @pytest.mark.parametrize("overlap", [0.4, -0.12])
 def test_linear_response_is_the_same_where_single_precision_does_not_serve(monkeypatch, overlap):
-    state = equilibrate(balls((12, 11), 4), Prescribed(overlap=overlap))
+    state = equilibrate(balls((12, 11), 4), ReducedLoad(overlap=overlap))
     stencils = Stencils((12, 11), ETA)
     stiffness = stencils.weights(state.stiffnesses)
     tension = stiffness * np.random.default_rng(0).normal(size=stiffness.shape)
@@ -302,7 +303,7 @@ def test_stale_factors_still_serve():
     # those of a sample under another load, with other contacts closed: more steps than with its own, and fewer than with
     # Green's function
     stencils, x = Stencils((24, 24)), balls((24, 24), 3)
-    before, now = (equilibrate(x, Prescribed(overlap=y)).stiffnesses for y in (-0.115, -0.12))
+    before, now = (equilibrate(x, ReducedLoad(overlap=y)).stiffnesses for y in (-0.115, -0.12))
     assert np.any((before > 0.0) != (now > 0.0))
     preconditioners = Preconditioners(stencils)
     stale, own = (preconditioners.choose(one, hard=True) for one in (before, now))

@@ -19,7 +19,7 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulses import Pulse, average_pulses
-from granphon.waves.sending import Sending
+from granphon.waves.sending import PulseSource
 from granphon.waves.viscous import ViscousPropagation
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -665,7 +665,7 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
 
 def test_transmit_takes_the_arguments_of_a_sending():
     """They are named once; the signature that help and editors show is that of the class."""
-    given, own = inspect.signature(Sending).parameters, inspect.signature(gp.Waves.transmit)
+    given, own = inspect.signature(PulseSource).parameters, inspect.signature(gp.Waves.transmit)
     assert list(own.parameters) == ["self", *given]
     assert all(own.parameters[name].default == one.default for name, one in given.items())
     assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY

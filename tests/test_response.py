@@ -14,9 +14,10 @@ from test_stencils import ETA, Explicit, every_eta
 
 import granphon as gp
 from granphon.array import equilibrium
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 
 AREA = math.sqrt(3.0) / 2.0  # of a ball
 #: strains xx, yy, xy of Voigt's order
@@ -58,7 +59,7 @@ def shear(tensor):
 @every_eta
 @pytest.mark.parametrize("shape", [(1, 1), (1, 4), (5, 3)], ids=str)
 def test_equal_balls_have_the_moduli_of_equation_17(shape, eta):
-    found = elasticity(equilibrate(np.zeros(shape), Prescribed(overlap=0.4)), eta)
+    found = elasticity(equilibrate(np.zeros(shape), ReducedLoad(overlap=0.4)), eta)
     k = 1.5 * 0.4**0.5
     lattice = gp.ContactLattice.of("triangular", eta).elastic_tensor()
     np.testing.assert_allclose(found, k * lattice, rtol=0.0, atol=1e-14)
@@ -99,7 +100,7 @@ def test_against_equilibria_of_strained_cells(spacing):
     for column, strain in enumerate(STRAINS):
 
         def stress(amount, strain=strain):
-            forces, _ = newton(x, Prescribed(overlap=spacing - 0.5), by_lstsq, amount * strain)
+            forces, _ = newton(x, ReducedLoad(overlap=spacing - 0.5), by_lstsq, amount * strain)
             return -dyads @ np.sum(forces, axis=(1, 2)) / (AREA * x.size)
 
         np.testing.assert_allclose(found[:, column], differences(stress, 0.0, step), rtol=0.0, atol=1e-6 * found.max())
@@ -109,7 +110,7 @@ def test_against_equilibria_of_strained_cells(spacing):
 def test_balls_that_nothing_holds_do_not_count(spacing, monkeypatch):
     # Newton's method leaves them where they touch by a trace of it: shear springs there would hold them
     monkeypatch.setattr(equilibrium, "_CLOSED_ON_SITES", 0.0)
-    x, load = balls((14, 13), 3), Prescribed(overlap=spacing - 0.5)
+    x, load = balls((14, 13), 3), ReducedLoad(overlap=spacing - 0.5)
     states = [equilibrate(x, load, tolerance=tolerance) for tolerance in (1e-9, 1e-10, 1e-12)]
     assert all(np.any((state.forces > 0.0) & (state.stiffnesses == 0.0)) for state in states)
     first, *others = [elasticity(state, ETA) for state in states]
@@ -163,7 +164,7 @@ def test_the_calculator_finds_the_sample_at_rest(steel):
     st.floats(0.01, 3.0),
 )
 def test_friction_stiffens_and_freedom_softens(shape, seed, decade, eta):
-    state = equilibrate(balls(shape, seed), Prescribed(force=10.0**decade))
+    state = equilibrate(balls(shape, seed), ReducedLoad(force=10.0**decade))
     smooth, rough = (elasticity(state, ratio) for ratio in (0.0, eta))
     top = float(np.max(rough))
     # rotations and slips cost energy; balls that may not move would be stiffer still (affine strain at the mean stiffness)
@@ -180,7 +181,7 @@ def test_friction_stiffens_and_freedom_softens(shape, seed, decade, eta):
 
 @every_eta
 def test_bulk_and_mean_shear_modulus_have_the_symmetry_of_the_lattice(eta):
-    x, load = balls((8, 8), 3), Prescribed(overlap=0.2)
+    x, load = balls((8, 8), 3), ReducedLoad(overlap=0.2)
     first = elasticity(equilibrate(x, load), eta)
     tensors = []
     for matrix in symmetries():
@@ -194,7 +195,7 @@ def test_bulk_and_mean_shear_modulus_have_the_symmetry_of_the_lattice(eta):
 
 def test_threads_of_the_fourier_transform_change_no_digit():
     x = balls((16, 12), 4)
-    one, two = (elasticity(equilibrate(x, Prescribed(overlap=0.1), Stencils(x.shape, 0.0, n)), ETA) for n in (1, 2))
+    one, two = (elasticity(equilibrate(x, ReducedLoad(overlap=0.1), Stencils(x.shape, 0.0, n)), ETA) for n in (1, 2))
     np.testing.assert_array_equal(one, two)
 
 

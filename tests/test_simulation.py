@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import granphon as gp
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.sample import STEP
+from granphon.array.steps import ReducedLoad
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear
@@ -95,7 +96,7 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
     sample = simulate(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
     x = (sample.diameters - D) / WIDTH
     assert np.mean(x) == pytest.approx(0.0, abs=1e-12)
-    reduced = equilibrate(x - np.mean(x), Prescribed(overlap=0.1))
+    reduced = equilibrate(x - np.mean(x), ReducedLoad(overlap=0.1))
     force = unit_of_force(spread)
     assert sample.force == pytest.approx(force * reduced.force, rel=1e-9)
     assert sample.normal_stiffness == pytest.approx(force / WIDTH * reduced.stiffness, rel=1e-9)

@@ -16,14 +16,15 @@ from test_stencils import Explicit, cartesian
 
 import granphon as gp
 from granphon.array import true_response
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import BALANCE_TOLERANCE
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.balls.contact_table import contact_frames
@@ -57,7 +58,7 @@ def balls(shape, seed=0, lattice=TRIANGULAR):
 
 @functools.cache
 def at_rest(shape, seed, overlap, ratio):
-    return equilibrate_in_truth(balls(shape, seed), Prescribed(overlap=overlap), ratio)
+    return equilibrate_exactly(balls(shape, seed), ReducedLoad(overlap=overlap), ratio)
 
 
 class Positions:
@@ -248,23 +249,23 @@ def test_balls_are_at_rest(overlap, ratio):
 
 def test_an_array_in_space_is_at_rest():
     x, stencils = balls((3, 3, 3), 2, FCC), Stencils((3, 3, 3), lattice=FCC)
-    for load in (Prescribed(overlap=0.1), Prescribed(force=0.05)):
-        state = equilibrate_in_truth(x, load, 1e-3, stencils)
+    for load in (ReducedLoad(overlap=0.1), ReducedLoad(force=0.05)):
+        state = equilibrate_exactly(x, load, 1e-3, stencils)
         assert state.residual <= 1e-10
         assert load.overlap is not None or state.force == pytest.approx(0.05, rel=1e-11)
 
 
 def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the_width():
-    x, load = balls((6, 6), 1), Prescribed(overlap=0.4)
+    x, load = balls((6, 6), 1), ReducedLoad(overlap=0.4)
     limit = equilibrate(x, load)
-    same = equilibrate_in_truth(x, load, 0.0)
+    same = equilibrate_exactly(x, load, 0.0)
     np.testing.assert_allclose(same.forces, limit.forces, rtol=1e-14, atol=1e-15 * limit.force)
     assert same.stiffness == pytest.approx(limit.stiffness, rel=1e-13)
     assert same.stiffness_slope == pytest.approx(limit.stiffness_slope, rel=1e-7)
     np.testing.assert_allclose(same.find_elasticity(ETA), elasticity(limit, ETA), rtol=0.0, atol=1e-13)
     changes = []
     for ratio in (1e-3, 5e-4, 2.5e-4):
-        state = equilibrate_in_truth(x, load, ratio)
+        state = equilibrate_exactly(x, load, ratio)
         parts = [np.max(np.abs(state.forces - limit.forces)), state.stiffness - limit.stiffness]
         changes.append([*parts, np.max(np.abs(state.find_elasticity(ETA) - elasticity(limit, ETA)))])
     for a, b in itertools.pairwise(changes):
@@ -275,7 +276,7 @@ def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the
 def test_stiffness_and_its_slope_are_derivatives_of_the_force(overlap, ratio):
     state, step = at_rest((6, 6), 1, overlap, ratio), 1e-5
     beside = [
-        equilibrate_in_truth(state.deviations, Prescribed(overlap=overlap + one), ratio, start=state, tolerance=1e-13)
+        equilibrate_exactly(state.deviations, ReducedLoad(overlap=overlap + one), ratio, start=state, tolerance=1e-13)
         for one in (-step, step)
     ]
     assert (beside[1].force - beside[0].force) / (2.0 * step) == pytest.approx(state.stiffness, rel=1e-7)
@@ -297,7 +298,7 @@ def test_work_of_the_load_is_the_energy():
 
 def test_a_ball_between_two_others_in_line_moves_out():
     """The lattice holds it by two forces in line; in truth a third contact carries about W/d of them."""
-    limit = equilibrate(balls((6, 6), 1), Prescribed(overlap=0.0))
+    limit = equilibrate(balls((6, 6), 1), ReducedLoad(overlap=0.0))
     state = at_rest((6, 6), 1, 0.0, 2.55e-4)
     light = [np.sum((one.forces > 1e-7 * one.force) & (one.forces < 1e-2 * one.force)) for one in (limit, state)]
     assert light[1] > light[0]
@@ -316,11 +317,11 @@ def hessian(state):
 @pytest.mark.parametrize("seed", [1, 4])
 def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed):
     """At the places of the lattice's equilibrium some balls between two others in line would fall aside; at rest none."""
-    limit = equilibrate(balls((6, 6), seed), Prescribed(overlap=-0.05))
+    limit = equilibrate(balls((6, 6), seed), ReducedLoad(overlap=-0.05))
     in_line = TrueEquilibrium(limit.deviations, limit.overlap, limit.balls, limit.residual, ratio=2.55e-4)
     at_end, inverse = at_rest((6, 6), seed, -0.05, 2.55e-4), limit.stencils.preconditioner(limit.stiffnesses)
     for state, stable in ((in_line, False), (at_end, True)):
-        matrix, (way, _) = hessian(state), state.find_way_down(inverse)
+        matrix, (way, _) = hessian(state), state.find_negative_curvature(inverse)
         least = np.linalg.eigvalsh(matrix)[0]
         assert (least > -1e-12, way is None) == (stable, stable)
         if way is not None:
@@ -337,7 +338,7 @@ SADDLES = [(32, 6, 0.025), (24, 2, 0.025), (24, 6, 0.005), (32, 0, 0.012), (32, 
 )
 def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
     x = gp.DirectSimulation(gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)), (size, size), seed).deviations(0)
-    state = equilibrate_in_truth(x, Prescribed(force=force), STEEL_WIDTH)
+    state = equilibrate_exactly(x, ReducedLoad(force=force), STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
     assert np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0)
@@ -345,9 +346,9 @@ def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
 
 def test_an_equilibrium_does_not_depend_on_the_other_loads():
     """Loose balls come to rest where their way leads them: it begins on the lattice, under the same load."""
-    x, load = balls((12, 12), 3), Prescribed(overlap=-0.03)
+    x, load = balls((12, 12), 3), ReducedLoad(overlap=-0.03)
     alone = find_equilibria(x, TRIANGULAR, [load], 1, STEEL_WIDTH)[0]
-    among = find_equilibria(x, TRIANGULAR, [Prescribed(overlap=0.1), load, Prescribed(overlap=0.0)], 1, STEEL_WIDTH)[1]
+    among = find_equilibria(x, TRIANGULAR, [ReducedLoad(overlap=0.1), load, ReducedLoad(overlap=0.0)], 1, STEEL_WIDTH)[1]
     again = find_equilibrium(x, TRIANGULAR, load, (0.0, among.balls), 1, STEEL_WIDTH)
     for other in (among, again):
         np.testing.assert_array_equal(other.balls, alone.balls)
@@ -355,9 +356,9 @@ def test_an_equilibrium_does_not_depend_on_the_other_loads():
 
 def test_loose_balls_come_to_rest_apart_from_the_others():
     """Far fewer iterations than balls lead all to rest together: a chain of steps for each would take hundreds."""
-    x, load = balls((32, 32), 1), Prescribed(overlap=-0.05)
+    x, load = balls((32, 32), 1), ReducedLoad(overlap=-0.05)
     limit = equilibrate(x, load)
-    state = equilibrate_in_truth(x, load, STEEL_WIDTH, limit.stencils, limit)
+    state = equilibrate_exactly(x, load, STEEL_WIDTH, limit.stencils, limit)
     assert state.residual <= 1e-10
     assert state.newton - limit.newton < 40
 
@@ -368,7 +369,7 @@ def test_what_the_geometry_needs():
         with pytest.raises(InputError, match=r"from zero to 0\.2 diameters"):
             ExactGeometry(stencils, np.zeros((3, 3)), ratio)
     with pytest.raises(InputError, match="carries no load"):
-        equilibrate_in_truth(balls((6, 6)), Prescribed(overlap=-0.3), 1e-3)
+        equilibrate_exactly(balls((6, 6)), ReducedLoad(overlap=-0.3), 1e-3)
 
 
 def test_plain_data_keep_the_ratio():
@@ -382,10 +383,10 @@ def test_plain_data_keep_the_ratio():
 @pytest.mark.exhaustive
 def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
     """Loose balls have far to go there, and the farther the smaller W/d; the difference of the forces is of first order."""
-    x, load, off = balls((32, 32), 1), Prescribed(overlap=-0.1), []
+    x, load, off = balls((32, 32), 1), ReducedLoad(overlap=-0.1), []
     rest = equilibrate(x, load)
     for ratio in (2.55e-6, 2.55e-7, 2.55e-8):
-        state = equilibrate_in_truth(x, load, ratio)
+        state = equilibrate_exactly(x, load, ratio)
         assert state.residual < 1e-9 * ratio / 2.55e-6
         assert np.count_nonzero(state.forces) > 1.1 * np.count_nonzero(rest.forces)
         off.append(np.max(np.abs(state.forces - rest.forces)) / rest.force / ratio)
@@ -422,7 +423,7 @@ def test_moduli_are_changes_of_stress_in_strained_cells(eta):
     expected *= ratio**2  # energy in c W^(5/2), stiffness in c W^(1/2), lengths in d
     found = state.find_elasticity(eta)
     np.testing.assert_allclose(found, 0.5 * (expected + expected.T), rtol=0.0, atol=1e-6 * found.max())
-    assert np.max(np.abs(found - elasticity(equilibrate(state.deviations, Prescribed(overlap)), eta))) > 1e-3
+    assert np.max(np.abs(found - elasticity(equilibrate(state.deviations, ReducedLoad(overlap)), eta))) > 1e-3
 
 
 def test_moduli_under_tangential_forces_are_changes_of_stress():
@@ -431,8 +432,8 @@ def test_moduli_under_tangential_forces_are_changes_of_stress():
     rest, stencils = at_rest((3, 4), 3, overlap, ratio), Stencils((3, 4), ETA)
     geometry = ExactGeometry(stencils, rest.deviations, ratio)
     (state,) = LoadingHistory(
-        rest.deviations, stencils, math.inf, math.inf, Prescribed(overlap=0.2), geometry=geometry
-    ).path([Prescribed(overlap=overlap)])
+        rest.deviations, stencils, math.inf, math.inf, ReducedLoad(overlap=0.2), geometry=geometry
+    ).path([ReducedLoad(overlap=overlap)])
     place, k = geometry.place(state.balls, overlap), 1.5 * np.sqrt(state.contacts.closed)
     acting = ActingForces(
         lambda loss, slip: (k * loss, ETA * k * slip), stencils.weights(k), state.contacts.forces, state.contacts.shears
@@ -573,8 +574,8 @@ def test_moduli_in_space_under_tangential_forces_are_changes_of_stress(response,
     ratio, overlap, mu, shape = 0.02, 0.4, 0.05, (3, 3, 3)
     x, stencils = balls(shape, 2, FCC), Stencils(shape, ETA, lattice=FCC)
     geometry = ExactGeometry(stencils, x, ratio)
-    (pressed,) = LoadingHistory(x, stencils, mu, math.inf, Prescribed(overlap=0.2), geometry=geometry).path(
-        [Prescribed(overlap=overlap)]
+    (pressed,) = LoadingHistory(x, stencils, mu, math.inf, ReducedLoad(overlap=0.2), geometry=geometry).path(
+        [ReducedLoad(overlap=overlap)]
     )
     state, taken, respond = PressedEquilibrium.of(pressed, x, stencils, ratio), [], ExactPlace.respond
     ratios = state.shear_ratios(response)
@@ -617,8 +618,8 @@ def isotropic(tensor):
 
 def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
     """Parts by which the limit of small spread underestimates K and G, for each eta, and the fraction of its contacts."""
-    limit = equilibrate(balls(shape, seed), Prescribed(overlap=spacing - 0.5))
-    state = equilibrate_in_truth(limit.deviations, Prescribed(overlap=limit.overlap), ratio, limit.stencils, limit)
+    limit = equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
+    state = equilibrate_exactly(limit.deviations, ReducedLoad(overlap=limit.overlap), ratio, limit.stencils, limit)
     less = [1.0 - isotropic(elasticity(limit, eta)) / isotropic(state.find_elasticity(eta)) for eta in etas]
     return less, float(np.mean(limit.forces > 1e-6 * limit.force))
 
@@ -660,8 +661,8 @@ def test_the_deficit_in_space_is_less():
     shape = (6, 6, 6)
     stencils, x = Stencils(shape, lattice=FCC), balls(shape, 0, FCC)
     for spacing in (0.5, 0.45):
-        limit = equilibrate(x, Prescribed(overlap=spacing - 0.5), stencils)
-        state = equilibrate_in_truth(x, Prescribed(overlap=spacing - 0.5), 1e-3, stencils, limit)
+        limit = equilibrate(x, ReducedLoad(overlap=spacing - 0.5), stencils)
+        state = equilibrate_exactly(x, ReducedLoad(overlap=spacing - 0.5), 1e-3, stencils, limit)
         low, true = (
             (t[0, 0] + t[1, 1] + t[2, 2] - t[0, 1] - t[1, 2] - t[0, 2] + 3.0 * (t[3, 3] + t[4, 4] + t[5, 5])) / 15.0
             for t in (elasticity(limit, ETA), state.find_elasticity(ETA))
@@ -792,7 +793,7 @@ def history(shape, mu, ratio, seed=1, lattice=TRIANGULAR, **more):
 
 def ramp(*turns, steps):
     parts = [np.linspace(a, b, steps + 1)[1:] for a, b in itertools.pairwise(turns)]
-    return [Prescribed(overlap=float(y)) for y in np.concatenate(parts)]
+    return [ReducedLoad(overlap=float(y)) for y in np.concatenate(parts)]
 
 
 def test_steps_of_a_path_are_those_of_loops_over_positions():
@@ -828,7 +829,7 @@ def test_paths_tend_to_those_of_the_lattice(mu):
     """In proportion to W/d, from a beginning at which contacts hold every ball from more than two sides."""
     shape, loads = (5, 5), ramp(0.6, 0.9, 0.7, steps=2)
     x, stencils = balls(shape, 1), Stencils(shape, ETA)
-    start = equilibrate(x, Prescribed(overlap=0.6))
+    start = equilibrate(x, ReducedLoad(overlap=0.6))
     *_, limit = LoadingHistory(x, stencils, mu, math.inf, start).path(loads)
     changes = []
     for ratio in (0.0, 1e-3, 5e-4):
@@ -842,7 +843,7 @@ def test_paths_tend_to_those_of_the_lattice(mu):
 def test_an_array_in_space_keeps_its_energy():
     """What the boundary gives, the integral of its force over the overlap, is stored or lost."""
     left, x, stencils = [], balls((3, 3, 2), 1, FCC), Stencils((3, 3, 2), lattice=FCC)
-    start = equilibrate_in_truth(x, Prescribed(overlap=0.1), 0.02, stencils)
+    start = equilibrate_exactly(x, ReducedLoad(overlap=0.1), 0.02, stencils)
     for steps in (4, 32):
         paths = history((3, 3, 2), 0.2, 0.02, lattice=FCC, start=start)
         states = [paths.begin(), *paths.path(ramp(0.1, 0.5, steps=steps))]

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from granphon.dynamics.rows import Row
 
-__all__ = ["ArrayRow", "find_basis", "make_rows", "number_cells", "stack_coefficients"]
-
 Array = NDArray[np.float64]
 #: least sine of the angle between a normal and those before it, for displacements to be projected on it
 _INDEPENDENT = 0.1

@@ -35,10 +35,6 @@ from granphon.base.scales import Units
 if TYPE_CHECKING:
     from ase import Atoms
 
-__all__ = [
-    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopt", "count_coordinates", "has_masses", "has_sampled", "find_kind",
-    "require_lying", "take_arrays", "write_extxyz",
-]  # fmt: skip
 
 Array = NDArray[np.float64]
 Kind = int

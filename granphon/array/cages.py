@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from granphon.array.array_rows import number_cells
 from granphon.array.true_geometry import ExactGeometry
 
-__all__ = ["Cages"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 #: largest number of steps of Newton's method, and of trials for the lengths of one

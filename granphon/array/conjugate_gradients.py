@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from granphon.array.stencils import Motion, Stencils, dot
 
-__all__ = ["solve_by_conjugate_gradients", "solve_by_descent"]
-
 Array = NDArray[np.float64]
 #: largest number of steps in one step of Newton's method
 _CONJUGATE_STEPS = 3000

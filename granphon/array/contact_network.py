@@ -13,8 +13,6 @@ from granphon.balls.packing import Packing
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["make_network", "turn_frames"]
-
 Array = NDArray[np.float64]
 
 

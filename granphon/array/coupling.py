@@ -17,8 +17,6 @@ from numpy.typing import DTypeLike, NDArray
 from granphon.array.array_rows import ArrayRow, stack_coefficients
 from granphon.array.rooms import Rooms
 
-__all__ = ["CoupledProduct", "Coupling", "SymmetricProduct", "multiply_columns"]
-
 Array = NDArray[np.float64]
 Single = NDArray[Any]
 #: bytes of what the ends of contacts contribute that are worked on at a time, so that they stay in the processor's cache

@@ -19,9 +19,7 @@ from dataclasses import replace
 from granphon.array.pressing import PressedArray
 from granphon.array.stencils import dot
 from granphon.array.stepper import Stepper
-from granphon.array.steps import Prescribed
-
-__all__ = ["DRAG", "WEAKER", "give_way"]
+from granphon.array.steps import ReducedLoad
 
 #: stiffness of dashpots within a step, at first
 DRAG = 1e-2
@@ -33,7 +31,7 @@ _MOST_STEPS = 60
 _CALM = 3
 
 
-def give_way(stepper: Stepper, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
+def relax_overdamped(stepper: Stepper, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray | None:
     """Return the state in which balls come to rest under a load, from the last of the ``trail``; None if it is not found."""
     drag, too_weak, push, calm = DRAG, 0.0, math.inf, 0
     for _ in range(_MOST_STEPS):
@@ -54,7 +52,7 @@ def give_way(stepper: Stepper, trail: Sequence[PressedArray], load: Prescribed) 
     return None
 
 
-def _settle(stepper: Stepper, trail: Sequence[PressedArray], load: Prescribed, drag: float) -> PressedArray | None:
+def _settle(stepper: Stepper, trail: Sequence[PressedArray], load: ReducedLoad, drag: float) -> PressedArray | None:
     """Return the state after one step, with at least the energy that dashpots take if balls move evenly."""
     after = stepper.settle(trail, load, drag)
     if after is None:

@@ -30,15 +30,10 @@ from granphon.array.interior import approach
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.steps import Prescribed, Waypoint, compute_excess, take_step
+from granphon.array.steps import NewtonIterate, ReducedLoad, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
-
-__all__ = [
-    "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "array_shape", "equilibrate",
-    "explain_too_small", "find_uniform_part",
-]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
@@ -226,7 +221,7 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
 
 def equilibrate(
     deviations: Array,
-    load: Prescribed,
+    load: ReducedLoad,
     stencils: Stencils | None = None,
     start: Equilibrium | None = None,
     tolerance: float = REST_TOLERANCE,
@@ -270,7 +265,7 @@ def equilibrate(
     pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
     # linear equations need few digits, and single precision takes half of the time
     single, before = not begun, math.inf
-    here = Waypoint.find(y, balls, pairs, root, load, stencils)
+    here = NewtonIterate.find(y, balls, pairs, root, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
             raise InputError(

@@ -29,8 +29,6 @@ from numpy.typing import NDArray
 
 from granphon.array.losses import lose_falling, lose_rising
 
-__all__ = ["LEAST_CONTACT", "SLIDES", "Contacts", "FrictionLaw", "Tangent"]
-
 Array = NDArray[np.float64]
 #: root of an overlap that stands for none where it divides
 _TINY = 1e-150

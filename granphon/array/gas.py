@@ -25,13 +25,11 @@ from dataclasses import replace
 import numpy as np
 
 from granphon.array.dashpots import DRAG, WEAKER
-from granphon.array.load_step import HASTY
+from granphon.array.load_step import FAST_LIMITS
 from granphon.array.pressing import PressedArray
 from granphon.array.stepper import Stepper
-from granphon.array.steps import Prescribed
+from granphon.array.steps import ReducedLoad
 from granphon.base.errors import ConvergenceError, message
-
-__all__ = ["DRAG", "GAS", "STANDING_FORCE", "STEP", "press_gas"]
 
 #: name of this start
 GAS = "gas"
@@ -63,7 +61,7 @@ def press_gas(stepper: Stepper, contact: float) -> PressedArray:
     damped = replace(stepper, drag=DRAG)
     while here.overlap < _MOST_OVERLAP:
         try:
-            here = damped.step([here], Prescribed(overlap=here.overlap + STEP))
+            here = damped.step([here], ReducedLoad(overlap=here.overlap + STEP))
         except ConvergenceError as error:
             what = f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths"
             why, mend = "Too few contacts hold them", "Take another seed, or another friction coefficient"
@@ -86,18 +84,18 @@ def press_gas(stepper: Stepper, contact: float) -> PressedArray:
 
 def _come_to_rest(damped: Stepper, here: PressedArray) -> PressedArray | None:
     """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
-    load, drag, ratio, moved = Prescribed(overlap=here.overlap), damped.drag, damped.geometry.ratio, 0.0
+    load, drag, ratio, moved = ReducedLoad(overlap=here.overlap), damped.drag, damped.geometry.ratio, 0.0
     pushed = ratio > 0.0 and len(damped.geometry.stencils.shape) == 3
     weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
     for _ in range(_MOST_STEPS):
         stronger, slower, drag = drag, moved, max(WEAKER * drag, weakest)
-        after = damped.settle([here], load, drag, HASTY)
+        after = damped.settle([here], load, drag, FAST_LIMITS)
         if after is None or after.force < 0.5 * STANDING_FORCE:
             return None
         here, moved = after, after.measure_motion(here)
         if drag == stronger and moved > slower:
             return None
         if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
-            at_rest = damped.settle([here], load, 0.0, HASTY)
+            at_rest = damped.settle([here], load, 0.0, FAST_LIMITS)
             return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
     return None

@@ -18,12 +18,7 @@ from granphon.array.coupling import CoupledProduct
 from granphon.array.friction import Tangent
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.steps import Prescribed
-
-__all__ = [
-    "Geometry", "Inverse", "LatticeGeometry", "LatticePlace", "Law", "Place", "Product", "find_boundary_force", "find_lack",
-    "multiply",
-]  # fmt: skip
+from granphon.array.steps import ReducedLoad
 
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
@@ -175,7 +170,7 @@ def find_boundary_force(place: Place, forces: Array, shears: Array) -> float:
     return place.press(forces, shears) / place.boundary
 
 
-def find_lack(load: Prescribed, place: Place, forces: Array, shears: Array) -> float:
+def find_lack(load: ReducedLoad, place: Place, forces: Array, shears: Array) -> float:
     """Return what the mean contact force lacks to a load; zero at a given overlap."""
     if load.overlap is not None:
         return 0.0

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from granphon.array.array_rows import ArrayRow
 
-__all__ = ["green_function", "green_inverse"]
-
 Array = NDArray[np.float64]
 #: number of wave vectors at which matrices are inverted at a time
 _PART = 2**15

@@ -29,8 +29,6 @@ from granphon.base.validation import require
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["Hexagon", "PressedHexagon"]
-
 Array = NDArray[np.float64]
 #: outward normals of the six walls
 _NORMALS = np.array([[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)])

@@ -23,8 +23,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.dashpots import give_way
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.dashpots import relax_overdamped
+from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import FrictionLaw
 from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry
@@ -32,10 +32,9 @@ from granphon.array.load_step import SMALL_FRICTION
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, goes_on, weigh_states
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import MOST_HALVINGS, Stepper, find_aim
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.base.errors import ConvergenceError, InputError, message
-
-__all__ = ["REFINEMENT_TOLERANCE", "START_SPACING", "LoadingHistory"]
 
 Array = NDArray[np.float64]
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
@@ -82,7 +81,7 @@ class LoadingHistory:
     stencils: Stencils
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
-    start: Equilibrium | Prescribed | str | None = None
+    start: Equilibrium | ReducedLoad | str | None = None
     geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
@@ -116,16 +115,16 @@ class LoadingHistory:
             # from where the first two balls touch
             return press_gas(self.stepper, -float(np.max(self.stencils.average_pairs(self.deviations))))
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
-        load = Prescribed(overlap=START_SPACING - 0.5) if self.start is None else self.start
-        state = self._rest(load, smooth) if isinstance(load, Prescribed) else load
+        load = ReducedLoad(overlap=START_SPACING - 0.5) if self.start is None else self.start
+        state = self._rest(load, smooth) if isinstance(load, ReducedLoad) else load
         assert isinstance(state, Equilibrium)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
-            same = load if isinstance(load, Prescribed) else Prescribed(overlap=state.overlap)
-            state = equilibrate_in_truth(self.deviations, same, ratio, smooth, state)
+            same = load if isinstance(load, ReducedLoad) else ReducedLoad(overlap=state.overlap)
+            state = equilibrate_exactly(self.deviations, same, ratio, smooth, state)
         return self.stepper.place(state.balls, state.overlap, state.residual)
 
-    def _rest(self, load: Prescribed, smooth: Stencils) -> Equilibrium:
+    def _rest(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
         """Return the equilibrium without friction under a load."""
         try:
             return equilibrate(self.deviations, load, smooth)
@@ -134,7 +133,7 @@ class LoadingHistory:
             mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
             raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
 
-    def path(self, loads: Iterable[Prescribed], first: PressedArray | None = None) -> Iterator[PressedArray]:
+    def path(self, loads: Iterable[ReducedLoad], first: PressedArray | None = None) -> Iterator[PressedArray]:
         """Yield the state at each of the ordered ``loads``, which may go up and down, from the ``first`` state or the start.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load,
@@ -154,7 +153,7 @@ class LoadingHistory:
                 raise
             yield trail[-1]
 
-    def _refine(self, trail: Sequence[PressedArray], load: Prescribed) -> Iterator[PressedArray]:
+    def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
         """Yield states on the way to a load, in steps so short that halving them changes little."""
         if self.tolerance == math.inf:
             yield self.step(trail, load)
@@ -189,7 +188,7 @@ class LoadingHistory:
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
     def _compare(
-        self, trail: Sequence[PressedArray], steps: int, load: Prescribed
+        self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
     ) -> tuple[float, list[tuple[float, float]]]:
         """Return by how much f*, and the two losses of each step, would change if the last ``steps`` were halved; estimates.
 
@@ -225,14 +224,14 @@ class LoadingHistory:
         lost, work = after.slid + after.loosened - before.slid - before.loosened, abs(after.work - before.work)
         return sum(abs(slid + loosened) for slid, loosened in bent) <= self.tolerance * (_OF_LOSS * lost + _OF_WORK * work)
 
-    def step(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray:
+    def step(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
         Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
         # with small friction balls come into balance only in stages, which steps with dashpots do without
         falls = self.friction_coefficient >= SMALL_FRICTION
-        return self.stepper.step(trail, load, partial(give_way, self.stepper) if falls else None)
+        return self.stepper.step(trail, load, partial(relax_overdamped, self.stepper) if falls else None)
 
 
 def _correct_losses(states: Sequence[PressedArray], bent: Sequence[tuple[float, float]]) -> list[PressedArray]:

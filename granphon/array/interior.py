@@ -26,8 +26,6 @@ from granphon.array.geometry import Geometry
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion
 
-__all__ = ["approach", "centre", "split"]
-
 Array = NDArray[np.float64]
 #: largest number of steps; and in the true geometry, where loose balls roll along others, and the longer the smaller W/d is
 _STEPS, _STEPS_IN_TRUTH = 100, 800

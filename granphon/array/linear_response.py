@@ -20,8 +20,6 @@ from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
 
-__all__ = ["find_linear_response"]
-
 Array = NDArray[np.float64]
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000

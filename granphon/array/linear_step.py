@@ -20,8 +20,6 @@ from granphon.array.patches import Indices, Patches, Put
 from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, dot
 
-__all__ = ["LinearSteps"]
-
 Array = NDArray[np.float64]
 #: largest number of iterations, and the number after which balls that are held weakly are looked for
 _MOST_ITERATIONS, _FEW = 300, 15

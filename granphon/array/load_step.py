@@ -22,9 +22,7 @@ from granphon.array.linear_step import LinearSteps
 from granphon.array.patches import Patches
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
 from granphon.array.stencils import Motion, Stencils, dot
-from granphon.array.steps import Prescribed
-
-__all__ = ["HASTY", "PATIENT", "SMALL_FRICTION", "Lags", "LoadStep", "is_balanced"]
+from granphon.array.steps import ReducedLoad
 
 Array = NDArray[np.float64]
 #: fraction by which a given mean force may be missed
@@ -66,7 +64,7 @@ _FARTHEST = 0.2
 _LOOSE = 1e-2
 
 
-class Lags(NamedTuple):
+class FixedLimitSettings(NamedTuple):
     """How the limits of sliding are found anew.
 
     Attributes
@@ -86,7 +84,7 @@ class Lags(NamedTuple):
 
 #: without patience, and with it: a ball that is squeezed out from between others has a long way to go, on which the limits
 #: change little at a time
-HASTY, PATIENT = Lags(30, 600, 1e-2, 1), Lags(80, 900, 1e-4, 8)
+FAST_LIMITS, SLOW_LIMITS = FixedLimitSettings(30, 600, 1e-2, 1), FixedLimitSettings(80, 900, 1e-4, 8)
 
 
 class LoadStep:
@@ -101,7 +99,7 @@ class LoadStep:
         law: FrictionLaw,
         here: PressedArray,
         place: Place,
-        load: Prescribed,
+        load: ReducedLoad,
         patches: Patches,
         drag: float = 0.0,
     ) -> None:
@@ -112,7 +110,7 @@ class LoadStep:
         # dashpots hold balls whose contacts all slide
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
-    def solve(self, balls: Array, overlap: float, lags: Lags | None) -> Trial:
+    def solve(self, balls: Array, overlap: float, lags: FixedLimitSettings | None) -> Trial:
         """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
 
         Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go

@@ -12,8 +12,6 @@ from granphon.array.array_rows import ArrayRow, stack_coefficients
 from granphon.array.coupling import multiply_columns
 from granphon.array.rooms import Rooms
 
-__all__ = ["invert_blocks"]
-
 Array = NDArray[np.float64]
 #: number of elements of a kind of contact that are worked on at a time
 _CACHED = 2**13

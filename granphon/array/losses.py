@@ -16,8 +16,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["lose_falling", "lose_rising"]
-
 Array = NDArray[np.float64]
 #: number that stands for none where it divides
 _TINY = 1e-150

@@ -20,8 +20,6 @@ from granphon.array.array_rows import number_cells
 from granphon.array.friction import Tangent
 from granphon.array.stencils import Stencils
 
-__all__ = ["Indices", "Patches", "Put"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 #: puts the motions of some balls under a force into an array of motions

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from granphon.array.array_rows import number_cells
 from granphon.array.stencils import Stencils
 
-__all__ = ["MOST_BALLS", "Preconditioners", "compose_rows", "factorise_contacts"]
-
 Array = NDArray[np.float64]
 Inverse = Callable[[Array], Array]
 #: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory that factors take grows

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.contact_network import turn_frames
-from granphon.array.equilibrium import Equilibrium, Prescribed
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.friction import SLIDES, Contacts, FrictionLaw
 from granphon.array.geometry import find_boundary_force
 from granphon.array.history import LoadingHistory
@@ -30,6 +30,7 @@ from granphon.array.pressing import PressedArray
 from granphon.array.response import elasticity
 from granphon.array.sample import STEP, Sample, find_density
 from granphon.array.stencils import Motion, Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.balls.hertz import reduce_by_slip
@@ -40,7 +41,6 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from ase import Atoms
 
-__all__ = ["SHEAR_RESPONSES", "PressedEquilibrium", "PressedSample"]
 
 Array = NDArray[np.float64]
 #: the choices of the tangential stiffness under sound; the first is the default
@@ -324,7 +324,7 @@ class PressedSample(Sample):
         slide at the end of a step depends a little on its length, and so does the state itself.
         """
         here = self.equilibrium
-        stencils, loads = here.sheared, [Prescribed(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
+        stencils, loads = here.sheared, [ReducedLoad(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
         geometry = ExactGeometry(stencils, here.deviations, here.ratio) if here.ratio else None
         history = LoadingHistory(here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry)
         states = list(history.path(loads, here.resume()))

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.geometry import Place
 
-__all__ = ["BALANCE_TOLERANCE", "PressedArray", "Trial", "continue_polynomial", "goes_on", "integrate_last", "weigh_states"]
-
 Array = NDArray[np.float64]
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9

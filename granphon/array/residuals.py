@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from granphon.array.stencils import dot
 
-__all__ = ["Single", "solve_by_minimal_residuals"]
-
 Array = NDArray[np.float64]
 Single = NDArray[Any]
 Operator = Callable[[Single], Single]

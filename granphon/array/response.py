@@ -15,8 +15,6 @@ from granphon.array.linear_response import find_linear_response
 from granphon.array.stencils import Stencils, dot
 from granphon.dynamics.long_waves import voigt_pairs
 
-__all__ = ["elasticity"]
-
 Array = NDArray[np.float64]
 #: relative error of linear responses; it enters squared, over the part of an affine strain's energy that is stored
 _RESPONSE = 1e-7

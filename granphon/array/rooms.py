@@ -16,8 +16,6 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["Rooms"]
-
 Array = NDArray[np.float64]
 Layer = tuple[EllipsisType | slice, ...]
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.contact_network import make_network
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
 from granphon.array.response import elasticity
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arguments import whole_number
@@ -28,7 +29,6 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from ase import Atoms
 
-__all__ = ["STEP", "Sample", "find_density", "jackknife", "standard_error"]
 
 Array = NDArray[np.float64]
 #: step in log f, to either side, for finite differences of moduli. The bias of an exponent is proportional to its square: it
@@ -180,11 +180,11 @@ class Sample(Result):
         This takes two more equilibria, each started from this one, and their linear responses.
         """
         here = self.equilibrium
-        loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
+        loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
         found: list[Equilibrium] = []
         for load in loads:
             if isinstance(here, TrueEquilibrium):
-                found.append(equilibrate_in_truth(here.deviations, load, here.ratio, here.stencils, here))
+                found.append(equilibrate_exactly(here.deviations, load, here.ratio, here.stencils, here))
             else:
                 found.append(equilibrate(here.deviations, load, here.stencils, here))
         return read_only([self._compute_elastic_tensor(one) for one in found])

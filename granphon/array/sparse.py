@@ -21,8 +21,6 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
-__all__ = ["SparseArray", "factorise", "find_step_length"]
-
 Array = NDArray[np.float64]
 #: largest number of steps of Newton's method, each with an LU factorisation
 _FACTORISATIONS = 200

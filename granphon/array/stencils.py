@@ -29,8 +29,6 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
-__all__ = ["Motion", "Stencils", "dot"]
-
 Array = NDArray[np.float64]
 #: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15

@@ -21,13 +21,11 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.geometry import Geometry, Place, find_boundary_force
-from granphon.array.load_step import HASTY, PATIENT, Lags, LoadStep, is_balanced
+from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, FixedLimitSettings, LoadStep, is_balanced
 from granphon.array.patches import Patches
 from granphon.array.pressing import PressedArray, Trial, continue_polynomial, integrate_last
-from granphon.array.steps import Prescribed
+from granphon.array.steps import ReducedLoad
 from granphon.base.errors import ConvergenceError, InputError, message
-
-__all__ = ["MOST_HALVINGS", "Stepper", "find_aim"]
 
 Array = NDArray[np.float64]
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
@@ -38,7 +36,7 @@ _LAG_HALVINGS = 6
 _MOST_FAILED = 40
 
 
-def find_aim(load: Prescribed) -> float:
+def find_aim(load: ReducedLoad) -> float:
     """Return what a load prescribes: the overlap, or the force."""
     return load.force if load.overlap is None else load.overlap
 
@@ -76,20 +74,20 @@ class Stepper:
         contacts = Contacts(overlaps, slips, np.zeros_like(slips))
         return PressedArray(overlap, motion, contacts, self.law, residual)
 
-    def halve(self, here: PressedArray, load: Prescribed) -> Prescribed:
+    def halve(self, here: PressedArray, load: ReducedLoad) -> ReducedLoad:
         """Return the load half-way from a state to another load."""
         if load.overlap is None:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
     def step(
-        self, trail: Sequence[PressedArray], load: Prescribed,
-        give_way: Callable[[Sequence[PressedArray], Prescribed], PressedArray | None] | None = None,
+        self, trail: Sequence[PressedArray], load: ReducedLoad,
+        relax_overdamped: Callable[[Sequence[PressedArray], ReducedLoad], PressedArray | None] | None = None,
     ) -> PressedArray:  # fmt: skip
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
-        Where Newton's method fails, the state that ``give_way`` finds is taken. If there is none, the load is reached in two
-        steps or more.
+        Where Newton's method fails, the state that ``relax_overdamped`` finds is taken. If there is none, the load is
+        reached in two steps or more.
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
@@ -97,12 +95,12 @@ class Stepper:
         while ahead:
             here = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
-            patience = HASTY if self.from_gas else PATIENT
-            lags = None if give_way and 0 < halvings < _LAG_HALVINGS else patience
+            patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
+            lags = None if relax_overdamped and 0 < halvings < _LAG_HALVINGS else patience
             trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
             if is_balanced(trial):
                 trail = [*trail[-2:], self._damp(trail, trial) if self.drag else self._arrive(here, trial)]
-            elif give_way and trial.left < math.inf and (at_rest := give_way(trail, ahead[-1])) is not None:
+            elif relax_overdamped and trial.left < math.inf and (at_rest := relax_overdamped(trail, ahead[-1])) is not None:
                 trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
                 last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
@@ -119,7 +117,7 @@ class Stepper:
         return trail[-1]
 
     def settle(
-        self, trail: Sequence[PressedArray], load: Prescribed, drag: float, lags: Lags | None = None
+        self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float, lags: FixedLimitSettings | None = None
     ) -> PressedArray | None:
         """Return the state to which balls come from the last of the ``trail`` in one step, slowed by dashpots.
 
@@ -128,17 +126,17 @@ class Stepper:
         trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
         return self._damp(trail, trial) if is_balanced(trial) else None
 
-    def _make_step(self, here: PressedArray, load: Prescribed, drag: float) -> LoadStep:
+    def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
         return LoadStep(self.geometry, self.law, here, self.locate(here), load, self._patches, drag)
 
     @staticmethod
-    def name_load(load: Prescribed) -> str:
+    def name_load(load: ReducedLoad) -> str:
         """Return a load in words."""
         if load.overlap is None:
             return f"f* = {load.force:.6g}"
         return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
 
-    def explain(self, load: Prescribed, why: str, mend: str = "") -> ConvergenceError:
+    def explain(self, load: ReducedLoad, why: str, mend: str = "") -> ConvergenceError:
         """Return the error of a load that is not reached."""
         what = f"the loading with friction has not reached {self.name_load(load)}"
         other = "take another seed" if self.from_gas else "start at a higher load"
@@ -154,7 +152,7 @@ class Stepper:
         self._located.append((here.balls, place))
         return place
 
-    def measure(self, state: PressedArray, load: Prescribed) -> float:
+    def measure(self, state: PressedArray, load: ReducedLoad) -> float:
         """Return of a state what the load prescribes: its overlap, its force, or its force under the same pressure."""
         if load.overlap is not None:
             return state.overlap
@@ -162,7 +160,7 @@ class Stepper:
             return find_boundary_force(self.locate(state), state.contacts.forces, state.contacts.shears)
         return state.force
 
-    def _extrapolate(self, trail: Sequence[PressedArray], load: Prescribed) -> tuple[Array, float]:
+    def _extrapolate(self, trail: Sequence[PressedArray], load: ReducedLoad) -> tuple[Array, float]:
         """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
         weights = continue_polynomial([self.measure(one, load) for one in trail], find_aim(load))
         states = trail[-len(weights) :]

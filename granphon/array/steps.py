@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from granphon.array.stencils import Motion, Stencils, dot
 
-__all__ = ["Prescribed", "Waypoint", "compute_excess", "take_step"]
-
 Array = NDArray[np.float64]
 #: fraction of a given load by which rounding may miss it
 _LOAD_ROUNDING = 1e-15
@@ -24,7 +22,7 @@ _LOAD_TOLERANCE = 1e-3
 _LENGTH_TRIALS = 30
 
 
-class Prescribed(NamedTuple):
+class ReducedLoad(NamedTuple):
     """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*.
 
     If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell keeps its size. In the
@@ -54,7 +52,7 @@ def compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
     return factor, root
 
 
-class Waypoint(NamedTuple):
+class NewtonIterate(NamedTuple):
     """Balls on the way to equilibrium: what their place tells of the contacts, and how far they are from rest.
 
     Attributes
@@ -75,7 +73,7 @@ class Waypoint(NamedTuple):
     left: float
 
     @classmethod
-    def find(cls, y: float, balls: Array, means: Array, root: Array, load: Prescribed, stencils: Stencils) -> Waypoint:
+    def find(cls, y: float, balls: Array, means: Array, root: Array, load: ReducedLoad, stencils: Stencils) -> NewtonIterate:
         """Return the state, and write h_+^(1/2) of the contacts into ``root``; that and ``means`` are in rooms."""
         inside, sums = stencils.rooms.inside.ravel(), np.zeros(3)
         roots, middles = root.reshape(len(root), -1), means.reshape(len(means), -1)
@@ -114,18 +112,18 @@ class Waypoint(NamedTuple):
 
 
 def take_step(
-    here: Waypoint, step: Motion, means: Array, root: Array, load: Prescribed, stencils: Stencils
-) -> tuple[Waypoint, float]:
+    here: NewtonIterate, step: Motion, means: Array, root: Array, load: ReducedLoad, stencils: Stencils
+) -> tuple[NewtonIterate, float]:
     """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size.
 
     Returns the state there, and the length.
     """
 
-    def go(length: float) -> Waypoint:
+    def go(length: float) -> NewtonIterate:
         y, balls = here.overlap + length * step.compression, here.balls + length * step.balls
-        return Waypoint.find(y, balls, means, root, load, stencils)
+        return NewtonIterate.find(y, balls, means, root, load, stencils)
 
-    def slope(point: Waypoint) -> float:
+    def slope(point: NewtonIterate) -> float:
         return -dot(point.rest.balls, step.balls) - point.rest.compression * step.compression
 
     there, first = go(1.0), slope(here)
@@ -135,7 +133,9 @@ def take_step(
     return go(length), length
 
 
-def _step_length(here: Waypoint, first: float, step: Motion, means: Array, load: Prescribed, stencils: Stencils) -> float:
+def _step_length(
+    here: NewtonIterate, first: float, step: Motion, means: Array, load: ReducedLoad, stencils: Stencils
+) -> float:
     """Find the length at which the slope of the energy along the step has at most a tenth of its ``first`` size."""
     strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
     differences = means - stencils.deformations(Motion(here.balls, 0.0))

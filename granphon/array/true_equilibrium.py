@@ -23,16 +23,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.cages import Cages
 from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
 from granphon.array.geometry import Inverse, find_boundary_force, find_lack
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.steps import ReducedLoad
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.array.true_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.base.errors import ConvergenceError, InputError, message
-
-__all__ = ["TrueEquilibrium", "equilibrate_in_truth"]
 
 Array = NDArray[np.float64]
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about that
@@ -132,7 +131,7 @@ class TrueEquilibrium(Equilibrium):
         more = bend - place.lose(place.geometry.split(Motion(motion, 0.0))[0])
         return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
 
-    def find_way_down(self, inverse: Inverse) -> tuple[Array | None, int]:
+    def find_negative_curvature(self, inverse: Inverse) -> tuple[Array | None, int]:
         """Return a motion of the balls along which the curvature of the energy is below zero, None if there is none.
 
         The overlap y is kept. Conjugate gradients look for the response to random forces, of which each contact bears as
@@ -191,9 +190,9 @@ class TrueEquilibrium(Equilibrium):
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def equilibrate_in_truth(
+def equilibrate_exactly(
     deviations: Array,
-    load: Prescribed,
+    load: ReducedLoad,
     ratio: float,
     stencils: Stencils | None = None,
     start: Equilibrium | None = None,
@@ -226,7 +225,7 @@ def equilibrate_in_truth(
 class _Path:
     """Way of an array to rest from an equilibrium ``start``, and the numbers of steps and iterations on it."""
 
-    def __init__(self, geometry: ExactGeometry, load: Prescribed, start: Equilibrium, tolerance: float) -> None:
+    def __init__(self, geometry: ExactGeometry, load: ReducedLoad, start: Equilibrium, tolerance: float) -> None:
         self._geometry, self._load, self._start, self._tolerance = geometry, load, start, tolerance
         self._inverses = Preconditioners(geometry.held, _MOST_STIFF)
         self._overlap = start.overlap if load.overlap is None else load.overlap
@@ -314,7 +313,7 @@ class _Path:
             residual=trial.left, lattice=stencils.lattice, ratio=geometry.ratio,
         )  # fmt: skip
         inverse = self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
-        down, conjugate = state.share(state.deviations, stencils).find_way_down(inverse)
+        down, conjugate = state.share(state.deviations, stencils).find_negative_curvature(inverse)
         self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
         stable = down is None or trial.bend(down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
@@ -328,7 +327,7 @@ class _Path:
 class _Trial:
     """Motion tried, and what it leaves: the ``pull`` on balls and the ``push`` of the load."""
 
-    def __init__(self, place: ExactPlace, load: Prescribed) -> None:
+    def __init__(self, place: ExactPlace, load: ReducedLoad) -> None:
         stencils = place.geometry.stencils
         self.place, self.balls, self.overlap = place, place.balls, place.overlap
         closed = np.maximum(place.overlaps, 0.0)
@@ -352,7 +351,7 @@ class _Trial:
         return dot(change, way)
 
 
-def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescribed) -> _Trial:
+def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: ReducedLoad) -> _Trial:
     """Return the state after a step, as far along it as the energy falls fast."""
 
     def go(length: float) -> tuple[_Trial, float]:
@@ -375,7 +374,7 @@ def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescrib
     return there
 
 
-def _go_down(geometry: ExactGeometry, trial: _Trial, way: Array, load: Prescribed) -> _Trial:
+def _go_down(geometry: ExactGeometry, trial: _Trial, way: Array, load: ReducedLoad) -> _Trial:
     """Return a state below a saddle, on a ``way`` along which the curvature there is below zero."""
     size = math.sqrt(float(np.max(np.sum(geometry.stencils.cartesian(way) ** 2, axis=0))))
     way = math.copysign(_FIRST_MOVE / size, dot(trial.pull, way)) * way

@@ -44,8 +44,6 @@ from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row
 
-__all__ = ["LARGEST_RATIO", "ExactGeometry", "ExactPlace", "require_small"]
-
 Array = NDArray[np.float64]
 #: components along a contact's direction on the lattice and the two tangents there, arrays (n_c, L1, ..., Lp); those that
 #: balls on a line or in a plane do not have are the number 0.0

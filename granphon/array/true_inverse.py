@@ -21,8 +21,6 @@ from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
 
-__all__ = ["HOLDING", "can_factorise", "compose", "factorise", "invert_balls", "is_small"]
-
 Array = NDArray[np.float64]
 #: largest numbers of balls in space whose matrix is factorised: at once, and where iterations without factors do not come to
 #: an end. The time that factors take grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s

@@ -26,8 +26,6 @@ from granphon.array.true_inverse import HOLDING, can_factorise, compose, factori
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
-__all__ = ["ActingForces", "find_elastic_tensor", "find_motions"]
-
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
 #: largest number of iterations for a linear response

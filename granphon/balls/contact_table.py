@@ -15,8 +15,6 @@ from granphon.balls.network import NEAR, describe_pieces, find_near_miss
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 
-__all__ = ["TOUCH", "ContactTable", "contact_frames", "touch_once_at_most", "find_contacts", "select_once", "steps_within"]
-
 Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6

@@ -33,8 +33,6 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 
-__all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbers"]
-
 Array = NDArray[np.float64]
 #: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's deviation that the laws lose
 #: their digits

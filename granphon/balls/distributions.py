@@ -27,8 +27,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 
-__all__ = ["Nodes", "NormalShape", "PointShape", "Shape", "UniformShape"]
-
 Array = NDArray[np.float64]
 #: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end - t)
 Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]

@@ -16,11 +16,6 @@ from granphon.balls.material import Material
 from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, message
 
-__all__ = [
-    "MOST_CONTACT_RADIUS", "MUCH_LARGER", "HertzLaw", "contact_radius_ratio", "harmonic_diameter",
-    "high_pressure_overlap", "mindlin_reduction", "reduce_by_slip",
-]  # fmt: skip
-
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
 #: "much larger" is taken to mean
 MUCH_LARGER = math.sqrt(10.0)

@@ -22,11 +22,6 @@ from granphon.base.results import read_only
 from granphon.base.text import counted
 from granphon.base.validation import label, require
 
-__all__ = [
-    "BALL", "BCC", "CHAIN", "DIAMOND", "FCC", "HCP", "HONEYCOMB", "KAGOME", "LATTICES", "SC", "SQUARE", "TRIANGULAR",
-    "Lattice", "as_direction", "find_lattice", "one_direction",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
 BALL = "Fe"

@@ -16,8 +16,6 @@ from granphon.base.quantities import LOADS, load_quantities
 from granphon.base.results import read_only
 from granphon.base.validation import require, whole
 
-__all__ = ["Load", "balls_on_side", "force_of_frame", "require_compressive"]
-
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
 

@@ -15,8 +15,6 @@ from granphon.base.errors import Refused
 from granphon.base.text import show
 from granphon.base.validation import real_number, require
 
-__all__ = ["LEAST_YOUNG_MODULUS", "Material", "read_poisson_ratio"]
-
 #: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
 

@@ -14,16 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.results import read_only
 
-__all__ = [
-    "ALL",
-    "IN_PLANE",
-    "LONGITUDINAL",
-    "OUT_OF_PLANE",
-    "Motions",
-    "allowed_motions",
-    "select_motions",
-]
-
 
 @dataclass(frozen=True)
 class Motions:

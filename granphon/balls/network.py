@@ -14,8 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NEAR", "NearMiss", "describe_pieces", "find_near_miss"]
-
 Array = NDArray[np.float64]
 #: balls nearly touch if their distance differs from one by no more than this, in spacings
 NEAR = 1e-2

@@ -21,8 +21,6 @@ from granphon.base.notebook import write_html
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import require, truth
 
-__all__ = ["MINDLIN", "Packing", "describe_packing", "given_packing"]
-
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
 #: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside stiffer ones

@@ -19,8 +19,6 @@ from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import closest, counted
 
-__all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "change_width", "find_double"]
-
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
 _MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from granphon.base import validation
 from granphon.base.validation import require
 
-__all__ = ["finite_array", "finite_list", "not_negative", "positive", "real_array", "real_list", "texts", "whole_number"]
-
 
 def real_array(name: str, values: Any) -> NDArray[np.float64]:
     """``values`` as an array of floats of any shape, finite or not; an array of floats is returned without a copy."""

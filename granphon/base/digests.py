@@ -20,8 +20,6 @@ from granphon.base.errors import TOO_LARGE, GranphonError, InputError, SchemaErr
 from granphon.base.reading import read_utf8
 from granphon.base.text import show
 
-__all__ = ["canonical", "damage_error", "digest", "open_seal", "require_own_file", "read_sealed", "seal", "warn_unverified"]
-
 _SEAL = "# sha256 of all other lines: "
 
 

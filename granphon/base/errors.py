@@ -11,31 +11,6 @@ import re
 from copy import copy
 from typing import Any, Self
 
-__all__ = [
-    "TOO_LARGE",
-    "ConvergenceError",
-    "FigureError",
-    "FileExistsInRunError",
-    "GranphonError",
-    "InconsistencyWarning",
-    "InputError",
-    "InstabilityError",
-    "MechanismError",
-    "MissingFileError",
-    "MissingSceneError",
-    "OutputError",
-    "PrecisionError",
-    "Refused",
-    "SceneError",
-    "SchemaError",
-    "UnreachableFrequencyError",
-    "UnsupportedError",
-    "UnverifiedFileWarning",
-    "brief",
-    "message",
-    "one_line",
-]
-
 #: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
 TOO_LARGE = 2**1024 - 2**970
 #: what ends a line, with the white space around it

@@ -11,8 +11,6 @@ import numpy as np
 
 from granphon.base.errors import brief
 
-__all__ = ["describe_value", "write_html"]
-
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Drawing
     from rich.progress import TaskID
 
-__all__ = ["Progress", "Silent", "Step", "Terminal", "on_stderr", "silent"]
-
 
 class Step(Protocol):
     """A piece of work that is under way."""

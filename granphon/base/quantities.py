@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from granphon.base.errors import Refused
 from granphon.base.text import closest, show
 
-__all__ = ["DENSITY", "LENGTH", "LIGHT_VELOCITY", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "load_quantities"]
-
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray

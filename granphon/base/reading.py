@@ -12,8 +12,6 @@ import stat
 
 from granphon.base.errors import InputError, MissingFileError, brief, message
 
-__all__ = ["MOST_FILE_BYTES", "decode", "read_bytes", "read_utf8", "require_path"]
-
 #: the largest file that is read, bytes
 MOST_FILE_BYTES = 256_000_000
 

@@ -15,8 +15,6 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.notebook import write_html
 from granphon.base.text import require_schema, show
 
-__all__ = ["Result", "plain", "read_only", "restore"]
-
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 #: types of values that plain data hold as they are

@@ -16,17 +16,6 @@ from typing import Any
 from granphon.base.errors import InputError, message
 from granphon.base.text import require_schema, write_float
 
-__all__ = [
-    "HertzPrefix",
-    "Units",
-    "WidthUnits",
-    "file_header",
-    "prefixed",
-    "read_header",
-    "write_quantity",
-    "write_uncertain",
-]
-
 #: version number of the block at the head of files for phonopy
 _HEADER_SCHEMA = 1
 #: names under which the scales are stored in ``Atoms.info`` and in exported files

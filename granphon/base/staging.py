@@ -29,8 +29,6 @@ from uuid import uuid4
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
 from granphon.base.reading import read_bytes
 
-__all__ = ["LIST", "ResultFiles", "has_locks", "is_whole", "read_written_files", "write_bytes", "write_text"]
-
 #: the list of the files that granphon wrote into a folder; a list of another version counts as empty
 LIST, LIST_SCHEMA = ".granphon-files", 1
 #: the file that is locked by the run that writes into a folder

@@ -27,9 +27,6 @@ from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.reading import decode, read_bytes
 from granphon.base.text import closest, counted
 
-__all__ = ["Heading", "Table", "plain_float", "table_text", "write_table"]
-
-
 _POINT = "Write decimals with a point"
 #: longest cell that csv reads, in characters
 _LONGEST_CELL = csv.field_size_limit()

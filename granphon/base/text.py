@@ -26,21 +26,6 @@ from granphon.base.errors import (
 )
 from granphon.base.reading import decode, read_bytes, read_utf8
 
-__all__ = [
-    "Document",
-    "closest",
-    "counted",
-    "dump_yaml",
-    "parse_yaml",
-    "plain_yaml",
-    "read_text",
-    "read_yaml",
-    "require_schema",
-    "show",
-    "versions",
-    "write_float",
-]
-
 #: the largest scene that is read or written as a text, bytes
 MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read

@@ -13,8 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
-__all__ = ["count_processors", "share_out", "single_products"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

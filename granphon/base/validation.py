@@ -21,12 +21,6 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import closest, show
 
-__all__ = [
-    "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "label", "lengths", "number",
-    "number_list", "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth",
-    "refuse_unknown_key", "whole", "zero_or_above",
-]  # fmt: skip
-
 Rule = Callable[[Any], Any]
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64

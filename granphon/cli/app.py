@@ -11,11 +11,6 @@ from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
 from granphon.sweeps import MOST_WORKERS
 
-__all__ = [
-    "ABOUT", "COMPARISONS", "FORCE", "GROUPS", "PICTURES", "SCENES", "WORK", "Force", "SceneFile", "Scheduler", "Workers",
-    "app", "command",
-]  # fmt: skip
-
 #: groups of commands, in the order of the help
 GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = "Scenes", "Pictures", "Comparisons", "About granphon"
 #: group of the options that say who does the work

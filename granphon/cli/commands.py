@@ -18,8 +18,6 @@ from granphon.cli import doctor, modes, pages, scenes, studies  # noqa: F401  im
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 
-__all__ = ["app", "main"]
-
 # by groups, whatever the order in which the modules were imported
 app.registered_commands.sort(key=lambda one: GROUPS.index(one.rich_help_panel))
 

@@ -17,8 +17,6 @@ from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say, say_table
 
-__all__ = ["OPTIONAL", "REQUIRED", "describe_system"]
-
 #: packages that granphon needs, by their names in the registry, each with the name that is imported
 REQUIRED = {
     "numpy": "numpy", "scipy": "scipy", "ase": "ase", "phonopy": "phonopy", "spglib": "spglib", "matplotlib": "matplotlib",

@@ -11,8 +11,6 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = ["GroupedCommand", "GroupedGroup"]
-
 
 def _write_groups(formatter: Any, entries: list[tuple[str, tuple[str, str]]]) -> None:
     """Write lists of a name and a text each, one for each group, in the order in which groups come first."""

@@ -13,8 +13,6 @@ from granphon.base.errors import InputError, message
 from granphon.cli.app import PICTURES, Force, SceneFile, command
 from granphon.cli.terminal import require_name, say
 
-__all__ = ["animate_scene", "draw_mode"]
-
 #: most cells along a lattice vector, so that the balls can be told from each other
 _MOST_CELLS = 100
 #: most pictures in a period

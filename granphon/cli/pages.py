@@ -15,7 +15,6 @@ from granphon.cli.terminal import require_name, say
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
-__all__ = ["export_scene", "make_scene_page"]
 
 #: the programs for which ``export`` writes
 _FORMATS = ("phononwebsite",)

@@ -15,8 +15,6 @@ from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Sc
 from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_cost, describe_result, describe_scene
 
-__all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
-
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp")
 #: estimated time of a run, s, above which its cost is printed before it starts

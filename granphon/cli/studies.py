@@ -17,10 +17,8 @@ from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
-    from granphon.media.accuracy import Truth
+    from granphon.media.accuracy import ReferenceModel
     from granphon.scene.scene import Scene
-
-__all__ = ["fit_measurements", "measure_tradeoff"]
 
 
 @command("fit", rich_help_panel=COMPARISONS)
@@ -76,11 +74,11 @@ def fit_measurements(
     from functools import partial
 
     from granphon.balls.loads import force_of_frame
-    from granphon.base.quantities import LENGTH
+    from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.fits.fit import FIT_FILES, convert_pressure, fit_width
-    from granphon.fits.measurements import FREQUENCY, Measurements, read_sigma
+    from granphon.fits.measurements import Measurements, read_sigma
     from granphon.scene.scene import Scene
 
     require_name("--out", out)
@@ -196,10 +194,10 @@ def measure_tradeoff(
       granphon tradeoff scene.yaml -o tradeoff --budget "20 minutes" --loads 5
     """
     from granphon.base.progress import on_stderr
+    from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.cli.wording import describe_tradeoff
-    from granphon.fits.measurements import TIME
     from granphon.scene.result_files import WORK_FILE
     from granphon.scene.scene import Scene
     from granphon.sweeps.schedulers import open_executor, require_workers
@@ -254,7 +252,7 @@ def measure_tradeoff(
             say(line)
 
 
-def _find_truth(scene: str, read: Scene) -> Truth:
+def _find_truth(scene: str, read: Scene) -> ReferenceModel:
     """Return the truth that the media of a scene name: arrays at rest without friction, unless one has a history."""
     from granphon.media.accuracy import REST
 

@@ -8,10 +8,6 @@ from contextlib import contextmanager
 
 from granphon.base.errors import InputError, message, one_line
 
-__all__ = [
-    "GO_ON", "NOTHING_WRITTEN", "Interrupted", "fail", "require_name", "say", "say_table", "tell_interruption", "warn",
-]  # fmt: skip
-
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
 #: what it adds if tasks have been finished

@@ -14,16 +14,11 @@ if TYPE_CHECKING:
     from granphon.balls.loads import Load
     from granphon.balls.packing import Packing
     from granphon.fits.fit import WidthFit
-    from granphon.media.choice import Rung
+    from granphon.media.choice import ServingMedium
     from granphon.media.cost import Cost
     from granphon.scene.results import RunResult
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
-
-__all__ = [
-    "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "describe_tradeoff",
-    "write_direction", "write_range",
-]  # fmt: skip
 
 
 def write_range(value: Any, unit: str) -> str:
@@ -119,7 +114,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     return rows
 
 
-def describe_choice(rung: Rung) -> str:
+def describe_choice(rung: ServingMedium) -> str:
     """Text of the medium that an automatic medium has chosen, and of its expected relative error and against what."""
     error = float(rung.errors[0])
     told = f"expected error {error:.2g} against {rung.truth}" if error else "exact for equal balls"

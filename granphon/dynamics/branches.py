@@ -14,8 +14,6 @@ from granphon.base.arguments import real_array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
 from granphon.dynamics.modes import ContactLattice
 
-__all__ = ["AcousticBranch", "AcousticBranches", "connect_branches", "find_zone_boundary", "follow_acoustic_branches"]
-
 Array = NDArray[np.float64]
 #: number of points, from Gamma to the edge of the zone, at which branches are followed
 _PATH_POINTS = 128

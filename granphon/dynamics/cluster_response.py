@@ -25,8 +25,6 @@ from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.dynamics.modes import ContactLattice
 
-__all__ = ["ClusterResponse", "cluster_response", "cluster_sizes"]
-
 Array = NDArray[np.float64]
 #: most contacts of a cluster: the work for one grows as their cube
 _MOST_CONTACTS = 100

@@ -24,8 +24,6 @@ from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.dynamics.wave_rows import WaveRows
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["GYRATION", "Compatibility", "as_wavevectors", "require_digits"]
-
 Array = NDArray[np.float64]
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))

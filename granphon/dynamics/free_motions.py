@@ -14,8 +14,6 @@ from granphon.base.arguments import real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.long_waves import LongWaves
 
-__all__ = ["FreeMotions"]
-
 Array = NDArray[np.float64]
 #: |q|d near Gamma, and the part of a vector that is more than of first order in it
 _NEAR, _APART = 1e-4, 1e-2

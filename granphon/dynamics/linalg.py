@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cholesky_factor", "find_dependent", "find_rank", "graded_eigh", "graded_svd", "jacobi_svd", "lapack_svd"]
-
 #: relative rounding of double precision
 _EPSILON = float(np.finfo(np.float64).eps)
 #: largest number of sweeps of the Jacobi iteration, which needs 6 or fewer

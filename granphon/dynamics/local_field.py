@@ -33,8 +33,6 @@ from granphon.base.results import Result
 from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 
-__all__ = ["LocalField", "local_field", "local_field_on", "paper_local_field"]
-
 Array = NDArray[np.float64]
 #: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra (three), tried in turn until
 #: two successive results agree; with one period Xi is zero

@@ -20,8 +20,6 @@ from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.polarisations import decompose_waves, name_waves
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 
-__all__ = ["LongWaves", "voigt_names", "voigt_pairs"]
-
 Array = NDArray[np.float64]
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
 _SOFT = 1e-12

@@ -20,8 +20,6 @@ from granphon.base.results import Result
 from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.free_motions import FreeMotions
 
-__all__ = ["ContactLattice", "Modes"]
-
 Array = NDArray[np.float64]
 #: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power of |q|
 _NEAR_GAMMA = 1e-30

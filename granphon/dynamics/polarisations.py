@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from granphon.dynamics.linalg import jacobi_svd
 
-__all__ = ["decompose_waves", "name_waves"]
-
 Array = NDArray[np.float64]
 #: relative difference of velocities, and of the parts of polarisations along q, below which they are equal but for rounding
 _TIED = 1e-12

@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
 
-__all__ = ["Row", "carry_rows", "contact_rows", "push_rows", "strain_rows"]
-
 Array = NDArray[np.float64]
 
 

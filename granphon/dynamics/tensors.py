@@ -16,17 +16,6 @@ from granphon.dynamics.linalg import cholesky_factor
 from granphon.dynamics.long_waves import voigt_pairs
 from granphon.dynamics.polarisations import decompose_waves
 
-__all__ = [
-    "anisotropy",
-    "bulk_and_shear",
-    "has_cubic_axes",
-    "longitudinal_modulus",
-    "point_group",
-    "shears",
-    "symmetrise",
-    "waves_of_tensor",
-]
-
 Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
 _TOLERANCE = 1e-6

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["WaveRows", "bend", "bend_slope"]
-
 Array = NDArray[np.float64]
 #: half angle below which sin h - h cos h is summed as a series
 _SERIES = 1.0

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from granphon.balls.contact_table import steps_within
 
-__all__ = ["Operation", "divide_zone", "find_symmetries", "shortest_vectors"]
-
 Array = NDArray[np.float64]
 #: fractions of a wave vector without symmetry, at which functions are compared with their images
 _PROBES = np.array([[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]])

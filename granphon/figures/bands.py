@@ -32,8 +32,6 @@ from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
 
-__all__ = ["bands_figure", "plot_asymptotes", "plot_bands", "plot_dos"]
-
 Array = NDArray[np.float64]
 Asymptotes = SoundVelocities | ContactLattice
 

@@ -42,8 +42,6 @@ from granphon.figures.zones import print_label
 from granphon.fits.measurements import Measurements
 from granphon.observables.catalogue import axis_label
 
-__all__ = ["comparison_figure", "plot_together"]
-
 #: letters of a line of a legend, and of a title, in a column; letters of labels that stand two in a row
 _LETTERS, _TITLE_LETTERS, _SHORT = 50, 60, 24
 #: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from granphon.figures.style import COLOURS
 from granphon.figures.words import MEDIA
 
-__all__ = ["MOST_LOOKS", "Curve", "Look", "draw_curve", "make_handle", "make_looks", "make_outside", "make_serving"]
-
 Array = NDArray[np.float64]
 #: dashes of lines that have the same colour, the first solid; none is that of a line outside its range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))

@@ -19,8 +19,6 @@ from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import WidthFit
 from granphon.observables.catalogue import axis_label
 
-__all__ = ["fit_figure", "plot_fit", "write_width"]
-
 #: letters of a line of the legend
 _LETTERS = 28
 #: how measured points are drawn

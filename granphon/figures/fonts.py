@@ -17,8 +17,6 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from granphon.figures.style import STYLE, shorten_error
 
-__all__ = ["describe_fonts"]
-
 #: texts that figures hold: letters outside ASCII, and formulas
 _SAMPLES = {"Gamma": "Γ", "mu and plus-minus": "µ ±", "mathtext": r"$\mathrm{\Gamma}_{1}\ \omega/2\pi$"}
 

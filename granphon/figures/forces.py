@@ -30,8 +30,6 @@ from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, S
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["forces_figure", "network_figure", "plot_force_distribution", "plot_forces"]
-
 Array = NDArray[np.float64]
 #: width of the line of a contact with the mean force, in diameters
 _MEAN_WIDTH = 0.15

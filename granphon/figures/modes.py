@@ -35,7 +35,6 @@ from granphon.figures.views import View
 if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
 
-__all__ = ["animate_mode", "mode_figure", "plot_mode"]
 
 Array = NDArray[np.float64]
 #: longest displacement in the drawing, in diameters; spins are drawn on the same scale

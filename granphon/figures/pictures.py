@@ -10,8 +10,6 @@ import granphon.figures.scales  # noqa: F401
 # isort: split
 from matplotlib.figure import Figure
 
-__all__ = ["Picture"]
-
 #: pixels of a screen for an inch of a figure; the picture itself has the resolution of the figure
 _SCREEN = 120
 

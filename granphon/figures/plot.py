@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot"]
 
 #: for the class of a result, by the package and the name, so that none is imported here: the module of figures, the
 #: function that draws it, and the keyword under which the function takes it

@@ -22,8 +22,6 @@ from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMIL
 from granphon.networks.network import ContactNetwork
 from granphon.waves.pulses import Pulse
 
-__all__ = ["animate_pulse", "plot_frame", "plot_seismogram", "pulse_figure"]
-
 Array = NDArray[np.float64]
 #: number of single balls whose signals a seismogram shows
 _BALLS = 6

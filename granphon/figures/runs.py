@@ -25,7 +25,6 @@ from granphon.sweeps.dataset import find_dataset
 if TYPE_CHECKING:
     from granphon.sweeps.dataset import Dataset
 
-__all__ = ["LOADS_OF_AXES", "Run"]
 
 Array = NDArray[np.float64]
 #: what may be on the axis of loads

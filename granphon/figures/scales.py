@@ -58,7 +58,6 @@ with _open_door():
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-__all__ = ["FORCES", "MOTION", "POLARISATION", "ROTATION", "SPECTRUM", "hide_axes", "name_axis", "scale_axis", "widen_axis"]
 
 Array = NDArray[np.float64]
 

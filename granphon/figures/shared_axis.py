@@ -22,8 +22,6 @@ from granphon.figures.words import write_value
 from granphon.fits.measurements import Measurements
 from granphon.observables.catalogue import CATALOGUE
 
-__all__ = ["choose_axes", "read_points", "require_one_axis"]
-
 #: what is drawn if nothing is said: the first of these that all runs hold
 _FIRST = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
 #: periods of a lattice by the unit of its pressure

@@ -32,8 +32,6 @@ from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, TRANSVERSE_C
 from granphon.figures.views import HALO, Painter, View
 from granphon.media.state import ContactState
 
-__all__ = ["plot_slowness", "plot_slowness_surface", "slowness_figure"]
-
 Array = NDArray[np.float64]
 #: s/km in s/m: slowness is drawn in s/km, which is ms/m
 _UNIT = 1e-3

@@ -35,11 +35,6 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.spectral_functions import SpectralFunction
 
-__all__ = [
-    "lines_figure", "plot_attenuation", "plot_lines", "plot_sample_dos", "plot_spectrum", "sample_dos_figure",
-    "spectrum_figure",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3

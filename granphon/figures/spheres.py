@@ -10,8 +10,6 @@ from granphon.figures.scales import hide_axes
 from granphon.figures.style import VERMILION
 from granphon.figures.views import Painter, View
 
-__all__ = ["draw_moved_spheres", "draw_spheres"]
-
 Array = NDArray[np.float64]
 #: colours of balls, of the lines that join balls in contact, and of marks on balls
 _BALL, _CONTACT, _MARK = "0.93", "0.62", "0.3"

@@ -19,11 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
-__all__ = [
-    "BLUE", "COLOURS", "COLUMN_WIDTH", "FRAME", "GREEN", "GUIDE", "LONGITUDINAL_COLOUR", "ORANGE", "PAGE_WIDTH", "PURPLE",
-    "DPI", "SKY_BLUE", "STYLE", "TRANSVERSE_COLOUR", "VERMILION", "draw", "print_hertz", "readable_unit", "save_figure",
-    "save_animation", "shorten_error",
-]  # fmt: skip
 
 #: settings of matplotlib for a column of 3.4 inches, for ``with matplotlib.rc_context(STYLE)``
 STYLE: dict[Any, Any] = {

@@ -22,10 +22,6 @@ from granphon.sweeps.dataset import list_finite_overlap
 if TYPE_CHECKING:
     from granphon.sweeps.dataset import Dataset
 
-__all__ = [
-    "describe_lines", "drop_directions", "find_load", "is_simulated", "list_combinations",
-    "list_parameters", "read_curve", "read_packing", "read_values", "write_labels",
-]  # fmt: skip
 
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
 _LARGEST = 1e280

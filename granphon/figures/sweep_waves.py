@@ -29,7 +29,6 @@ from granphon.figures.zones import print_label
 if TYPE_CHECKING:
     from granphon.sweeps.dataset import Dataset
 
-__all__ = ["plot_sweep_attenuation", "plot_sweep_dispersion", "plot_sweep_dos", "sweep_dos_figure", "sweep_spectra_figure"]
 
 Array = NDArray[np.float64]
 #: greatest number of states that are drawn

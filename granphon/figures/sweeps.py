@@ -38,7 +38,6 @@ from granphon.observables.catalogue import CATALOGUE, axis_label
 if TYPE_CHECKING:
     from granphon.sweeps.dataset import Dataset
 
-__all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
 
 #: letters of a line of the legend; labels longer than the second number do not stand side by side in a column
 _LETTERS, _LONG_LABEL = 50, 24

@@ -19,8 +19,6 @@ from matplotlib.path import Path
 from matplotlib.typing import ColorType
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["HALO", "Painter", "View"]
-
 Array = NDArray[np.float64]
 _Rgba = tuple[float, float, float, float]
 #: white border of letters that stand on a drawing

@@ -11,18 +11,6 @@ from granphon.base.quantities import load_quantities
 from granphon.base.scales import prefixed
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 
-__all__ = [
-    "DEFAULTS",
-    "MEDIA",
-    "describe_medium",
-    "describe_overlap",
-    "describe_parameter",
-    "find_differing",
-    "join_facts",
-    "list_facts",
-    "write_value",
-]
-
 #: a space at which no line ends
 _NO_BREAK = "\u00a0"
 #: the media in words, without their options

@@ -24,8 +24,6 @@ from granphon.base.errors import InputError, message
 from granphon.figures.style import BLUE, DPI, GREEN, ORANGE, PURPLE, STYLE, VERMILION
 from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
-__all__ = ["plot_work_precision", "tradeoff_figure"]
-
 #: colour and marker of each method: told apart by every eye, and in grey by the marker
 _LOOKS = (
     (BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), ("#000000", "P"),

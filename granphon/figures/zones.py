@@ -21,8 +21,6 @@ from granphon.figures.views import HALO, Painter, View
 from granphon.phonons.bands import Bands
 from granphon.phonons.zones import zone_faces, zone_polygon
 
-__all__ = ["find_reciprocal", "plot_zone", "print_label"]
-
 Array = NDArray[np.float64]
 #: directions, degrees, among which the one is chosen from which a zone in space is seen
 _AZIMUTHS, _ELEVATIONS = range(0, 360, 6), (10, 16, 22, 28)

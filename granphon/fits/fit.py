@@ -33,8 +33,6 @@ from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves
 from granphon.media.choice import MediumChoice
 from granphon.observables.validity import validity
 
-__all__ = ["FIT_FILES", "WidthFit", "fit_width", "convert_pressure"]
-
 Array = NDArray[np.float64]
 #: keys that stand in fit.yaml before the fields of the fit; they are ignored when a fit is read
 _HEAD = ("versions", "medium", "width", "stderr", "std", "std_stderr", "p")

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Goodness", "compute_leverages", "compute_probability", "find_rounding"]
-
 Array = NDArray[np.float64]
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not explained by chance
 _LEAST_CHANCE = 1e-3

@@ -16,8 +16,6 @@ from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel
 from granphon.media.choice import MediumChoice
 
-__all__ = ["FitProblem", "explain_undetermined", "find_best", "find_covariance"]
-
 Array = NDArray[np.float64]
 #: f* at the least force of the data for the narrowest width that is tried: disorder has no effect there
 _NARROWEST_AT = 1e4

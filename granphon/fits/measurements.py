@@ -18,8 +18,6 @@ from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import closest
 
-__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements", "read_sigma"]
-
 Array = NDArray[np.float64]
 #: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")

@@ -40,8 +40,6 @@ from granphon.media.state import ContactState
 from granphon.observables.pulses import pulse_velocities
 from granphon.observables.velocities import local_exponent
 
-__all__ = ["VARIABLE", "VelocityModel", "Waves"]
-
 Array = NDArray[np.float64]
 #: the branches whose velocities may be fitted; the last two take the place of the second where there are two of them
 _BRANCHES = ("longitudinal", "transverse", "transverse_slow", "transverse_fast")

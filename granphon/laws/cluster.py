@@ -17,8 +17,6 @@ from granphon.laws.cluster_curve import ClusterCurve, cluster_curve
 from granphon.laws.solved import CurveLaw
 from granphon.laws.spread import Series
 
-__all__ = ["VALID_FORCE", "ClusterLaw"]
-
 Array = NDArray[np.float64]
 #: f* from which force and stiffness are within 2.5 % of the simulated array's, on the triangular lattice and in fcc
 VALID_FORCE = 0.03

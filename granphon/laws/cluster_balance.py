@@ -45,8 +45,6 @@ from granphon.base.threads import share_out
 from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_points import ClusterPoints
 
-__all__ = ["LEAST_CONTACT", "Balance", "ClusterBalance", "Effective", "find_modes"]
-
 Array = NDArray[np.float64]
 #: stiffness over kappa by which balls without contacts are held
 _HOLD = 1e-6

@@ -27,8 +27,6 @@ from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
 from granphon.laws.cluster_points import draw_points
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, Series
 
-__all__ = ["LEAST_SOLVED_FORCE", "ClusterCurve", "cluster_curve", "solve_cluster"]
-
 Array = NDArray[np.float64]
 #: f* down to which the curve is solved
 LEAST_SOLVED_FORCE = 3e-3

@@ -32,8 +32,6 @@ from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, Effective, find_modes
 from granphon.laws.cluster_points import ClusterPoints, PointSource
 
-__all__ = ["MOST_SETS", "ClusterDescent"]
-
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 #: steps of a short descent, of one of a survey, and of a long one

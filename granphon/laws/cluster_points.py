@@ -23,8 +23,6 @@ from granphon.base.errors import PrecisionError, message
 from granphon.base.results import read_only
 from granphon.dynamics.cluster_response import ClusterResponse
 
-__all__ = ["ClusterPoints", "PointSource", "draw_points"]
-
 Array = NDArray[np.float64]
 #: of single or double precision
 Floats = NDArray[Any]

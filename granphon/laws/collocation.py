@@ -30,8 +30,6 @@ from granphon.base.errors import PrecisionError, message
 from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE, VANISHED, EffectiveCurve
 from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
 
-__all__ = ["Averages", "Balls", "Block", "radau", "solve_curve"]
-
 Array = NDArray[np.float64]
 #: the lowest step of an interval is halved until the next opening below is at least this fraction of the step's extent in
 #: y away: the nearer that opening, the less smooth is k

@@ -18,8 +18,6 @@ from granphon.laws.effective_curve import VALID_FORCE, EffectiveCurve
 from granphon.laws.listed import PointAverages
 from granphon.laws.solved import CurveLaw
 
-__all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "make_averages", "effective_curve"]
-
 Array = NDArray[np.float64]
 #: number of collocation (Radau) points on a step; its upper end is not counted
 _STAGES = 16

@@ -21,8 +21,6 @@ from granphon.balls.distributions import PointShape, Shape
 from granphon.base.results import read_only
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, Series
 
-__all__ = ["LEAST_SOLVED_FORCE", "VALID_FORCE", "VANISHED", "EffectiveCurve"]
-
 Array = NDArray[np.float64]
 #: the number of one step, or an array of the step of each value
 Index = int | NDArray[np.intp]

@@ -27,8 +27,6 @@ from numpy.typing import NDArray
 from granphon.balls.distributions import PointShape
 from granphon.laws.collocation import Block
 
-__all__ = ["PointAverages"]
-
 Array = NDArray[np.float64]
 #: a contact is far if its overlap is at least this many times half the range of the block
 _FAR_OVERLAP = 6.0

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from granphon.base.errors import PrecisionError, message
 from granphon.laws.spread import SpreadLaw
 
-__all__ = ["CurveLaw"]
-
 Array = NDArray[np.float64]
 
 

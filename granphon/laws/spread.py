@@ -24,8 +24,6 @@ from granphon.balls.hertz import HertzLaw, high_pressure_overlap
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.scales import WidthUnits
 
-__all__ = ["AveragedLaw", "Series", "SpreadLaw", "high_pressure_series"]
-
 Array = NDArray[np.float64]
 #: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)

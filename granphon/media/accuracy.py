@@ -16,8 +16,8 @@ faces and its own diagonal (in hcp in the layers, across them and between).
 On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
 
 On the triangular lattice and in fcc ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against
-another truth (:class:`Truth`): arrays that were loaded with friction. Without a history their simulation is a medium like
-the others, and its error is what friction in the statics does.
+another truth (:class:`ReferenceModel`): arrays that were loaded with friction. Without a history their simulation is a
+medium like the others, and its error is what friction in the statics does.
 """
 
 from __future__ import annotations
@@ -44,8 +44,6 @@ from granphon.base.validation import require
 from granphon.media.equilibria import reduce_load
 from granphon.media.loading import read_history_options, refuse_without_history
 
-__all__ = ["DEVIATIONS", "FRICTIONLESS", "REST", "Accuracy", "Truth", "accuracy", "compute_form_coefficients", "read_truth"]
-
 Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
 #: table include a margin
@@ -57,7 +55,7 @@ _SCHEMA = 3
 
 
 @dataclass(frozen=True)
-class Truth:
+class ReferenceModel:
     """The simulated arrays that errors are relative to: at rest without friction, or loaded with friction.
 
     Attributes
@@ -109,7 +107,7 @@ class Truth:
         return f"arrays {self.told}"
 
 
-def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shear_response: Any) -> Truth:
+def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shear_response: Any) -> ReferenceModel:
     """Return the truth that the options of ``what`` name, which are those of a :class:`~granphon.DirectSimulation`.
 
     Raises :class:`~granphon.base.errors.InputError` for an option out of range, a history without a friction coefficient,
@@ -119,11 +117,11 @@ def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shea
         "friction_history": friction_history, "friction_coefficient": friction_coefficient, "shear_response": shear_response,
     })  # fmt: skip
     require(what, refuse_without_history, given)
-    return Truth(given["friction_coefficient"], given["shear_response"])
+    return ReferenceModel(given["friction_coefficient"], given["shear_response"])
 
 
 #: the truth if no other is named
-REST = Truth()
+REST = ReferenceModel()
 
 
 def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
@@ -149,12 +147,12 @@ class Accuracy:
         parts: Mapping[str, Any] = self.data["lattices"]
         return parts
 
-    def _of(self, structure: Lattice, truth: Truth) -> Mapping[str, Any] | None:
+    def _of(self, structure: Lattice, truth: ReferenceModel) -> Mapping[str, Any] | None:
         """Return the part of a lattice, or None."""
         parts: Mapping[str, Any] = self.data["loaded"] if truth.is_loaded else self._parts
         return parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
 
-    def explain_uncovered(self, packing: Packing, truth: Truth = REST) -> str | None:
+    def explain_uncovered(self, packing: Packing, truth: ReferenceModel = REST) -> str | None:
         """Return the reason why the table does not cover a packing, or a truth; None if it does."""
         if not packing.spread_matters:
             return None
@@ -175,11 +173,11 @@ class Accuracy:
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
         return _explain_uncovered_truth(part, packing.mindlin_ratio, truth)
 
-    def ratio(self, packing: Packing, truth: Truth = REST) -> float:
+    def ratio(self, packing: Packing, truth: ReferenceModel = REST) -> float:
         """Return W/d of the arrays that the errors of a packing were measured of; zero in the directions of the lattice."""
         return float((self._of(packing.structure, truth) or {}).get("ratio", 0.0))
 
-    def least(self, packing: Packing, kind: str, truth: Truth = REST) -> float:
+    def least(self, packing: Packing, kind: str, truth: ReferenceModel = REST) -> float:
         """Return the least load from which errors are known: a* for the kind "overlap", f* for the others.
 
         It is zero where every medium is exact. The packing must be one that the table covers.
@@ -187,7 +185,7 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
 
-    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: Truth = REST) -> Array:
+    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: ReferenceModel = REST) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
         ``medium`` is one of :meth:`media`, of which the simulation is one of the ``truth`` itself; or, of arrays loaded with
@@ -217,7 +215,7 @@ class Accuracy:
         return np.asarray(np.where(place >= loads[0], found, np.inf))
 
 
-def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: Truth) -> str | None:
+def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: ReferenceModel) -> str | None:
     """Return the reason why the part of a lattice does not cover arrays loaded with friction; None if it does."""
     mu = truth.friction_coefficient
     if mu is None:
@@ -238,7 +236,7 @@ def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: Truth) 
     return None
 
 
-def _select_errors(part: Mapping[str, Any], truth: Truth) -> list[Mapping[str, Any]]:
+def _select_errors(part: Mapping[str, Any], truth: ReferenceModel) -> list[Mapping[str, Any]]:
     """Return the errors of the part of a lattice against a truth; those of both neighbours of its friction coefficient."""
     if truth.friction_coefficient is None:
         return [part["errors"]]

@@ -11,9 +11,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import InputError, message
-from granphon.media.choice import MediumChoice, Rung
-
-__all__ = ["Case", "Grid", "label_warnings", "require_arrays"]
+from granphon.media.choice import MediumChoice, ServingMedium
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +34,7 @@ class Case:
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     @cached_property
-    def rungs(self) -> list[Rung]:
+    def rungs(self) -> list[ServingMedium]:
         """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
 
         They are found once, for all who hold the case. :class:`~granphon.base.errors.InputError` if the packing has no such

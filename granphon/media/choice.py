@@ -10,32 +10,23 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.history import START_SPACING
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
-from granphon.media.accuracy import REST, Truth, read_truth
+from granphon.media.accuracy import REST, ReferenceModel, read_truth
 from granphon.media.cluster import ClusterMedium
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within
 from granphon.media.left_out import EXACT, LATTICE
-from granphon.media.loading import HISTORY_OPTIONS, START_SPACING, read_start, refuse_without_history
+from granphon.media.loading import HISTORY_OPTIONS, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.medium import Loaded, Option
+from granphon.media.medium import MediumBase, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.sizes_and_times import MOMENT, rough_time, solving_time
 from granphon.media.state import ContactState, read_finite_overlap
-
-__all__ = [
-    "MEDIA",
-    "OPTIONS",
-    "AutoMedium",
-    "MediumChoice",
-    "Rung",
-    "no_simulation",
-    "read_medium",
-]
 
 Array = NDArray[np.float64]
 
@@ -51,7 +42,7 @@ def _read_of_truth(attribute: str, kind: Any, meaning: str) -> Any:
 
 
 @dataclass(frozen=True, init=False)
-class AutoMedium(Loaded[ContactState]):
+class AutoMedium(MediumBase[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
     Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`, against
@@ -91,7 +82,7 @@ class AutoMedium(Loaded[ContactState]):
     )
     shear_response: str = _read_of_truth("shear_response", str, "How contacts of the truth resist sound.")
     #: the simulated arrays that expected errors are relative to
-    truth: Truth = field(init=False, repr=False, compare=False)
+    truth: ReferenceModel = field(init=False, repr=False, compare=False)
 
     options = {
         "tolerance": Option(tolerance, partial(number, low=1e-12, high=0.99)),
@@ -107,17 +98,17 @@ class AutoMedium(Loaded[ContactState]):
         truth = read_truth("AutoMedium", friction_history, friction_coefficient, shear_response)
         object.__setattr__(self, "truth", truth)
 
-    def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
+    def rungs(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
 
-        Each medium that is chosen is one :class:`Rung`; the cheapest comes first.
+        Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first.
         """
         load = Load(kind, loads).flat
         options, errors = self._find_errors(load)
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            Rung(option, place, self.packing, load[place], chosen=True, truth=self.truth)
+            ServingMedium(option, place, self.packing, load[place], chosen=True, truth=self.truth)
             for option, place in zip(options, places, strict=True)
             if place.size
         ]
@@ -230,11 +221,11 @@ class MediumChoice:
         return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> ReferenceModel:
         """The simulated arrays that it names: loaded with friction if it has a history, otherwise at rest without."""
-        return Truth.of(self.settings)
+        return ReferenceModel.of(self.settings)
 
-    def expected_error(self, packing: Packing, load: Load, against: Truth = REST) -> Array:
+    def expected_error(self, packing: Packing, load: Load, against: ReferenceModel = REST) -> Array:
         """Return the expected relative error of velocities and frequencies, with the shape of the load.
 
         It is +inf where the error is not known; see :func:`~granphon.media.ladder.expected_error`.
@@ -284,7 +275,7 @@ class MediumChoice:
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
 
-    def rungs(self, packing: Packing, load: Load) -> list[Rung]:
+    def rungs(self, packing: Packing, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
@@ -292,11 +283,11 @@ class MediumChoice:
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
             return medium.rungs(load.kind, load.array)
-        return [Rung(self, np.arange(load.size), packing, load)]
+        return [ServingMedium(self, np.arange(load.size), packing, load)]
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class ServingMedium:
     """A medium that serves some of many loads.
 
     Attributes
@@ -315,7 +306,7 @@ class Rung:
     packing: Packing
     load: Load
     chosen: bool = False
-    truth: Truth = REST
+    truth: ReferenceModel = REST
     is_part: bool = False
 
     @property
@@ -333,7 +324,7 @@ class Rung:
         return self.medium.of(self.packing).arrays
 
     @property
-    def samples(self) -> list[Rung]:
+    def samples(self) -> list[ServingMedium]:
         """The simulation of each sample alone, which is the same however many samples there are; none of other media."""
         own = {name: value for name, value in self.medium.options if name != "samples"}
         return [
@@ -347,7 +338,7 @@ class Rung:
         state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
         return replace(state, chosen=True) if self.chosen else state
 
-    def by_geometry(self, finite_overlap: bool = False) -> list[Rung]:
+    def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
         """Return a rung for each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
         found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(found) == 1:
@@ -366,12 +357,12 @@ class Rung:
         return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
 
-def _list_options(packing: Packing, against: Truth) -> list[MediumChoice]:
+def _list_options(packing: Packing, against: ReferenceModel) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
     return [MediumChoice(name, tuple(options.items())) for name, options in list_rungs(packing, against)]
 
 
-def _sort_options(packing: Packing, load: Load, against: Truth = REST) -> list[MediumChoice]:
+def _sort_options(packing: Packing, load: Load, against: ReferenceModel = REST) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
     return sorted(_list_options(packing, against), key=lambda one: rough_time(one.of(packing), load))
 

@@ -20,8 +20,6 @@ from granphon.media.mean_field import LawMedium
 from granphon.media.medium import Option
 from granphon.media.state import Law
 
-__all__ = ["ClusterMedium"]
-
 
 @dataclass(frozen=True)
 class ClusterMedium(LawMedium):

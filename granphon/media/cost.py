@@ -22,9 +22,10 @@ from time import process_time
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.history import START_SPACING
 from granphon.array.preconditioners import MOST_BALLS
+from granphon.array.steps import ReducedLoad
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -32,21 +33,6 @@ from granphon.media.history_cost import estimate_history
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.typical_arrays import estimate_reduced_force, estimate_spacing, find_spacing
-
-__all__ = [
-    "MOST_SECONDS",
-    "Cost",
-    "array_waves",
-    "available_memory",
-    "bands",
-    "cluster_media",
-    "density_of_states",
-    "estimate",
-    "find_typical_force",
-    "force_constants",
-    "sweep_states",
-    "write_duration",
-]
 
 Array = NDArray[np.float64]
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days
@@ -321,9 +307,9 @@ def estimate(
     return Cost(memory, work=work * balls * simulation.samples, balls=balls, equilibria=count, bounds=bounds)
 
 
-def _find_start(packing: Packing, start: Prescribed | str) -> float:
+def _find_start(packing: Packing, start: ReducedLoad | str) -> float:
     """Return the approximate a* at which a history starts; that of the default for the gas, whose own is not known."""
-    if not isinstance(start, Prescribed):
+    if not isinstance(start, ReducedLoad):
         return START_SPACING
     return float(find_spacing(packing, np.array([start.force]))[0]) if start.overlap is None else start.overlap + 0.5
 
@@ -350,7 +336,7 @@ def _measure_time_per_ball() -> float:
     times = []
     for _ in range(3):
         start = process_time()
-        _ = equilibrate(deviations, Prescribed(overlap=_SMALL_SPACING - 0.5)).stiffness
+        _ = equilibrate(deviations, ReducedLoad(overlap=_SMALL_SPACING - 0.5)).stiffness
         times.append(process_time() - start)
     return min(times) / deviations.size
 

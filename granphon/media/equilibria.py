@@ -8,24 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import (
-    THRESHOLD_FORCE,
-    Equilibrium,
-    Prescribed,
-    array_shape,
-    equilibrate,
-    explain_too_small,
-)
+from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, array_shape, equilibrate, explain_too_small
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import explain_untouched
-
-__all__ = ["find_equilibria", "find_equilibrium", "sort_by_load", "prescribe", "reduce_load", "require_load", "share_array"]
 
 Array = NDArray[np.float64]
 
@@ -41,15 +33,15 @@ def reduce_load(packing: Packing, load: Load) -> Array:
         return np.asarray(units.reduced_force(values))
 
 
-def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[Prescribed]:
+def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[ReducedLoad]:
     """Convert each value of an applied load to a prescribed force or overlap in units of the width, in C order.
 
     In the exact geometry the boundary on which a pressure acts shrinks with the cell.
     """
     if load.kind == "overlap":  # a* would lose the digits of a small overlap
-        return [Prescribed(overlap=one) for one in packing.width_units.reduced_overlap(load.array).ravel().tolist()]
+        return [ReducedLoad(overlap=one) for one in packing.width_units.reduced_overlap(load.array).ravel().tolist()]
     on_boundary = is_exact and load.kind == "pressure"
-    return [Prescribed(force=one, on_boundary=on_boundary) for one in reduce_load(packing, load).ravel().tolist()]
+    return [ReducedLoad(force=one, on_boundary=on_boundary) for one in reduce_load(packing, load).ravel().tolist()]
 
 
 def require_load(packing: Packing, load: Load, largest: float) -> None:
@@ -84,7 +76,7 @@ def _require_one_force(packing: Packing, force: float) -> None:
         raise InputError(message(what, why, "Raise the load, or take another medium"))
 
 
-def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:
+def sort_by_load(prescribed: Sequence[ReducedLoad]) -> list[int]:
     """Return the indices of the loads, from the highest load down.
 
     Each equilibrium is found from that at the next higher load. The starting point affects only digits beyond the tolerance;
@@ -94,7 +86,7 @@ def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:
 
 
 def find_equilibria(
-    deviations: Array, lattice: Lattice, prescribed: Sequence[Prescribed], workers: int, ratio: float = 0.0
+    deviations: Array, lattice: Lattice, prescribed: Sequence[ReducedLoad], workers: int, ratio: float = 0.0
 ) -> dict[int, Equilibrium]:
     """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of the load.
 
@@ -116,7 +108,7 @@ def find_equilibria(
 
 
 def find_equilibrium(
-    deviations: Array, lattice: Lattice, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int,
+    deviations: Array, lattice: Lattice, prescribed: ReducedLoad, before: tuple[float, Array] | None, workers: int,
     ratio: float = 0.0,
 ) -> Equilibrium:  # fmt: skip
     """Find the equilibrium of a sample with these ``deviations`` under one load.
@@ -130,10 +122,10 @@ def find_equilibrium(
 
 
 def _equilibrate(
-    deviations: Array, load: Prescribed, stencils: Stencils, start: Equilibrium | None, ratio: float
+    deviations: Array, load: ReducedLoad, stencils: Stencils, start: Equilibrium | None, ratio: float
 ) -> Equilibrium:
     if ratio:
-        return equilibrate_in_truth(deviations, load, ratio, stencils)
+        return equilibrate_exactly(deviations, load, ratio, stencils)
     return equilibrate(deviations, load, stencils, start)
 
 

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.sample import STEP, jackknife
 from granphon.dynamics.tensors import longitudinal_modulus
 
-__all__ = ["exponent_error", "mean_exponent"]
-
 Array = NDArray[np.float64]
 
 

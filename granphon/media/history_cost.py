@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from granphon.array.gas import GAS
 from granphon.media.loading import Loading
 
-__all__ = ["count_iterations", "count_steps", "estimate_history"]
-
 Array = NDArray[np.float64]
 #: steps of the load for each unit of a*, at a tolerance of :data:`_STEPS_TOLERANCE`; they grow as its inverse root
 _STEPS = 30.0

@@ -16,11 +16,6 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.typical_arrays import estimate_open_contacts
 
-__all__ = [
-    "EXACT", "GEOMETRIES", "LATTICE", "LEFT_OUT_LIMIT", "can_be_exact", "choose_geometries", "estimate_shear_deficit",
-    "expect_shear_deficit", "find_left_out",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 #: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
 LATTICE, EXACT = GEOMETRIES = "lattice", "exact"

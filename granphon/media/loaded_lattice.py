@@ -14,8 +14,6 @@ from granphon.balls.packing import MINDLIN, Packing
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 
-__all__ = ["LoadedLattice", "ideal_lattice"]
-
 Array = NDArray[np.float64]
 
 

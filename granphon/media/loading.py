@@ -11,12 +11,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.gas import GAS
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
 from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
 from granphon.array.pressing import PressedArray
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.array.true_geometry import ExactGeometry, require_small
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -29,12 +30,6 @@ from granphon.media.equilibria import prescribe, require_load
 from granphon.media.left_out import EXACT, GEOMETRIES, LATTICE, can_be_exact, choose_geometries
 from granphon.media.medium import Option
 from granphon.media.sampled_balls import SampledBalls, require_standing
-
-__all__ = [
-    "HISTORY_OPTIONS", "LOADING_OPTIONS", "START_SPACING", "LoadedBalls", "Loading", "Pressed", "find_ratio",
-    "press", "press_all", "read_history_options", "read_loading", "read_start", "refuse_without_history",
-    "require_above", "require_path",
-]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: least and greatest reduced spacing a* that may be given as a start
@@ -59,13 +54,13 @@ class Loading:
 
     mindlin_ratio: float
     friction_coefficient: float
-    start: Prescribed | str
+    start: ReducedLoad | str
     shear_response: str
     step_tolerance: float
     ordered: bool
     ratio: float = 0.0
 
-    def sort(self, prescribed: Sequence[Prescribed]) -> list[int]:
+    def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
         """Return the indices of the loads in the order in which they are applied."""
         places = range(len(prescribed))
         return list(places) if self.ordered else sorted(places, key=lambda place: prescribed[place])
@@ -206,7 +201,7 @@ def find_ratio(packing: Packing, geometry: str | None) -> float:
     return packing.relative_width
 
 
-def _reduce_start(packing: Packing, start: float | Load | str | None, is_exact: bool) -> Prescribed | str:
+def _reduce_start(packing: Packing, start: float | Load | str | None, is_exact: bool) -> ReducedLoad | str:
     """Return the start in reduced units; that of equal balls, which need none, is at the default a*."""
     if isinstance(start, str):
         return start
@@ -214,7 +209,7 @@ def _reduce_start(packing: Packing, start: float | Load | str | None, is_exact: 
         if start.size != 1:
             raise InputError(message(f"start holds {start.size} loads", mend="Give one"))
         return prescribe(packing, start.applied, is_exact)[0]
-    return Prescribed(overlap=(START_SPACING if start is None else start) - 0.5)
+    return ReducedLoad(overlap=(START_SPACING if start is None else start) - 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +313,7 @@ class LoadedBalls(SampledBalls):
 
 
 def press(
-    packing: Packing, seed: int | None, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int,
+    packing: Packing, seed: int | None, deviations: Array, loading: Loading, path: Sequence[ReducedLoad], workers: int,
     report: Callable[[], None] = lambda: None,
 ) -> Pressed:  # fmt: skip
     """Load a sample with these ``deviations`` along a path, and find its linear response at each load.
@@ -359,7 +354,7 @@ def _begin(
     return history, here, smooth
 
 
-def require_path(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> None:
+def require_path(packing: Packing, deviations: Array, loading: Loading, path: Sequence[ReducedLoad], workers: int) -> None:
     """Raise as :func:`press` would before its first step, where the start is not at the gas: only the start is solved."""
     if loading.ordered or not np.ptp(deviations):
         return
@@ -368,13 +363,15 @@ def require_path(packing: Packing, deviations: Array, loading: Loading, path: Se
     _require_above_state(history, here, path)
 
 
-def _require_above_state(history: LoadingHistory, here: PressedArray, path: Sequence[Prescribed]) -> None:
+def _require_above_state(history: LoadingHistory, here: PressedArray, path: Sequence[ReducedLoad]) -> None:
     by_force = path[0].overlap is None
-    start = Prescribed(here.overlap, history.stepper.measure(here, path[0]) if by_force else here.force)
+    start = ReducedLoad(here.overlap, history.stepper.measure(here, path[0]) if by_force else here.force)
     require_above(start, path, history.start == GAS)
 
 
-def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
+def _press_different(
+    packing: Packing, deviations: Array, loading: Loading, path: Sequence[ReducedLoad], workers: int
+) -> Any:
     history, here, smooth = _begin(packing, deviations, loading, workers)
     stencils = history.stencils
     if not loading.ordered:
@@ -390,7 +387,7 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
     smooth.forget()
 
 
-def _press_equal(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
+def _press_equal(packing: Packing, deviations: Array, loading: Loading, path: Sequence[ReducedLoad], workers: int) -> Any:
     """Yield the equilibria of equal balls, whose contacts never slip: what the load has done since the start is stored."""
     shape = deviations.shape[packing.structure.n_balls > 1 :]
     stencils = Stencils(shape, loading.mindlin_ratio, workers, packing.structure)
@@ -403,15 +400,15 @@ def _press_equal(packing: Packing, deviations: Array, loading: Loading, path: Se
         yield PressedEquilibrium.of(state, deviations, stencils, 0.0).share(deviations, smooth)
 
 
-def _find_stored(start: Prescribed | str) -> float:
+def _find_stored(start: ReducedLoad | str) -> float:
     """Return the mean energy that a contact of equal balls stores at the start, in units of c W^(5/2)."""
-    if not isinstance(start, Prescribed):  # the gas: contacts begin there
+    if not isinstance(start, ReducedLoad):  # the gas: contacts begin there
         return 0.0
     overlap = start.force ** (2.0 / 3.0) if start.overlap is None else max(start.overlap, 0.0)
     return float(0.4 * overlap**2.5)
 
 
-def require_above(start: Prescribed, path: Sequence[Prescribed], from_gas: bool = False) -> None:
+def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: bool = False) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start.
 
     Of a start that is prescribed as a force alone overlaps are not looked at, and of one as an overlap forces.
@@ -436,12 +433,12 @@ def require_above(start: Prescribed, path: Sequence[Prescribed], from_gas: bool 
             raise error
 
 
-def _describe(load: Prescribed) -> str:
+def _describe(load: ReducedLoad) -> str:
     return f"f* = {load.force:.4g}" if load.overlap is None else f"a* = {load.overlap + 0.5:.4g}"
 
 
 def press_all(
-    balls: SampledBalls, loading: Loading, prescribed: Sequence[Prescribed], progress: Progress
+    balls: SampledBalls, loading: Loading, prescribed: Sequence[ReducedLoad], progress: Progress
 ) -> tuple[list[PressedSample], list[int], GranphonError | None]:
     """Load all samples along one path.
 

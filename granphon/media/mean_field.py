@@ -25,10 +25,8 @@ from granphon.base.validation import choice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.medium import Loaded, Option, explain_untouched
+from granphon.media.medium import MediumBase, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
-
-__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium", "LawMedium"]
 
 Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
@@ -38,7 +36,7 @@ _LOCAL_FIELDS = ("computed", "paper")
 
 
 @dataclass(frozen=True)
-class LawMedium(Loaded[ContactState]):
+class LawMedium(MediumBase[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls

@@ -17,8 +17,6 @@ from granphon.dynamics.local_field import LocalField
 from granphon.laws.cluster import ClusterLaw
 from granphon.media.state import ContactState
 
-__all__ = ["Loaded", "Medium", "Option", "explain_untouched"]
-
 
 @runtime_checkable
 class Medium(Protocol):
@@ -62,7 +60,7 @@ class Option:
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 
 
-class Loaded(ABC, Generic[StateT]):
+class MediumBase(ABC, Generic[StateT]):
     """Base class of the media: the three ways to give a load, each of which calls :meth:`at`."""
 
     # the word for the medium in scenes and sweeps

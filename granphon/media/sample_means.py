@@ -12,8 +12,6 @@ from granphon.array.sample import standard_error
 from granphon.base.errors import InputError, message
 from granphon.media.state import ContactState
 
-__all__ = ["HISTORY_UNITS", "SampleMeans"]
-
 Array = NDArray[np.float64]
 #: the attributes that only samples with a history of friction have, with their units
 HISTORY_UNITS = {"sliding_fraction": "1", "tangential_ratio": "1", "work": "J", "dissipated_energy": "J"}

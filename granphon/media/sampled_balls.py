@@ -23,8 +23,6 @@ from granphon.base.validation import lengths, whole
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.medium import Option
 
-__all__ = ["DEFAULT_SHAPES", "SampledBalls", "read_cells", "require_standing"]
-
 Array = NDArray[np.float64]
 #: the largest seed of a sample
 _MOST_SEED = 2**64 - 1

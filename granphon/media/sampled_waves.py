@@ -12,8 +12,6 @@ from granphon.balls.lattices import as_direction
 from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
 from granphon.media.sample_means import SampleMeans
 
-__all__ = ["SampledWaves"]
-
 Array = NDArray[np.float64]
 
 

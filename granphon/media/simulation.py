@@ -17,9 +17,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import Prescribed
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
+from granphon.array.steps import ReducedLoad
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError, brief, message
@@ -29,11 +29,9 @@ from granphon.media.equilibria import find_equilibria, find_equilibrium, prescri
 from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
 from granphon.media.loading import LoadedBalls, Loading, press_all, require_above, require_path
-from granphon.media.medium import Loaded
+from granphon.media.medium import MediumBase
 from granphon.media.sampled_waves import SampledWaves
 from granphon.media.state import read_finite_overlap
-
-__all__ = ["DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
 
 Array = NDArray[np.float64]
 #: number of overlaps for which a law keeps the samples in memory
@@ -276,7 +274,7 @@ class SimulatedState(SampledWaves):
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
+class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -407,7 +405,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         return simulation._press(loading, load, prescribed, progress)
 
     def _press(
-        self, loading: Loading, load: Load, prescribed: Sequence[Prescribed], progress: Progress = silent
+        self, loading: Loading, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
     ) -> SimulatedState:
         samples, reached, error = press_all(self, loading, prescribed, progress)
         if error is None:
@@ -416,7 +414,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
             error.reached = SimulatedState.of(self, samples, load.flat[reached])
         raise error
 
-    def prescribed(self, load: Load) -> list[Prescribed]:
+    def prescribed(self, load: Load) -> list[ReducedLoad]:
         """Convert each value of an applied load to a prescribed force or overlap in reduced units, in C order.
 
         Raises as :meth:`require` does.
@@ -424,7 +422,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         self.require(load)
         return prescribe(self.packing, load, self.is_exact)
 
-    def sample(self, load: Prescribed, before: tuple[float, Array] | None = None) -> Sample:
+    def sample(self, load: ReducedLoad, before: tuple[float, Array] | None = None) -> Sample:
         """Return the first sample under one load, with the same numbers as in a state.
 
         ``before`` holds the overlap and displacements of its equilibrium under the previous load, in the order of
@@ -441,7 +439,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         """
         require_load(self.packing, load, self._largest)
         loading = self.loading
-        if loading is not None and not loading.ordered and isinstance(loading.start, Prescribed) and self.packing.width:
+        if loading is not None and not loading.ordered and isinstance(loading.start, ReducedLoad) and self.packing.width:
             require_above(loading.start, prescribe(self.packing, load, self.is_exact))
 
     def require_start(self, load: Load) -> None:
@@ -457,7 +455,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""
         loading = self.loading
-        if loading is None or loading.ordered or not isinstance(loading.start, Prescribed) or not self.packing.width:
+        if loading is None or loading.ordered or not isinstance(loading.start, ReducedLoad) or not self.packing.width:
             return 0.0
         start, exact = loading.start, self.is_exact
         by_force = start.overlap is None

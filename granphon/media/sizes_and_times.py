@@ -13,8 +13,6 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation
 
-__all__ = ["MOMENT", "SIDES", "even_shape", "rough_time", "solving_time"]
-
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
 SIDES = {
     2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),

@@ -28,7 +28,6 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
-__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "read_finite_overlap"]
 
 Array = NDArray[np.float64]
 #: a number for a state at a single load, an array for a state at several loads

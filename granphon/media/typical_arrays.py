@@ -10,8 +10,6 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.equilibria import reduce_load
 
-__all__ = ["estimate_open_contacts", "estimate_reduced_force", "estimate_spacing", "find_spacing"]
-
 Array = NDArray[np.float64]
 #: a* of uniform diameters in the plane and in space, between which the f* of loads given as overlaps is interpolated, and f*
 #: at each of these a*; on a line the law is that of equal balls

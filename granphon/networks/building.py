@@ -22,11 +22,6 @@ from granphon.base.errors import InconsistencyWarning, InputError, brief, messag
 from granphon.base.text import counted
 from granphon.base.validation import require, truth
 
-__all__ = [
-    "LARGEST", "MOST_BYTES", "MOST_STEPS", "Balls", "Contacts", "complete_fields", "find_rounding", "read_cell",
-    "read_whole_numbers",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within the range of floats

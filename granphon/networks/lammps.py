@@ -19,8 +19,6 @@ from granphon.base.tables import plain_float
 from granphon.base.validation import choice, require
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, find_rounding, read_whole_numbers
 
-__all__ = ["read_dumps"]
-
 Array = NDArray[np.float64]
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {

@@ -26,8 +26,6 @@ from granphon.base.validation import lengths, require, truth
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 from granphon.networks.pieces import find_pieces, find_rattlers
 
-__all__ = ["ContactNetwork"]
-
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: fields with one number for each ball

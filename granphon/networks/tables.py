@@ -22,8 +22,6 @@ from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, read_cell, read_whole_numbers
 
-__all__ = ["BALLS", "CONTACTS", "read_tables", "write_tables"]
-
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 _PLACE = replace(LENGTH, least="any")

@@ -23,8 +23,6 @@ from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 
-__all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "entry_of", "find_all", "warn_of_missing_error"]
-
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
 #: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample, its
 #: spectral functions, or its density of states; or bands, along a path that is given

@@ -18,8 +18,6 @@ from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.observables.velocities import choose_direction
 
-__all__ = ["PulseVelocities", "pulse_velocities"]
-
 Array = NDArray[np.float64]
 #: top of a branch, (k/M)^1/2, that is zero but for rounding
 _NO_FREQUENCY = 1e-12

@@ -22,8 +22,6 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, given_state
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["Check", "Tally", "Validity", "expect_warnings", "find_network_warnings", "validity"]
-
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
 _LIMITS = {

@@ -17,17 +17,6 @@ from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
 from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 
-__all__ = [
-    "AveragedModuli",
-    "Moduli",
-    "SoundVelocities",
-    "choose_direction",
-    "local_exponent",
-    "moduli",
-    "sound_velocities",
-    "warn_of_free_branches",
-]
-
 Array = NDArray[np.float64]
 #: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding
 _EVEN = 1e-10

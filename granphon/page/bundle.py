@@ -7,8 +7,6 @@ import re
 from importlib.resources import files
 from typing import Any
 
-__all__ = ["fill_template", "join_modules", "read_asset"]
-
 #: an import of other modules of the page, on one line
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(\w+)\.js";\n', re.MULTILINE)
 #: libraries: what is imported from another file, what is exported from it, and what a file exports itself

@@ -16,8 +16,6 @@ from granphon.dynamics.rows import Row, push_rows
 from granphon.phonons.paths import BandPath
 from granphon.phonons.zones import zone_faces, zone_polygon
 
-__all__ = ["describe_lattice"]
-
 Array = NDArray[np.float64]
 
 

@@ -18,8 +18,6 @@ from granphon.page.lattice_data import describe_lattice
 from granphon.page.medium_tables import WORDS, tabulate_medium
 from granphon.phonons.paths import BandPath
 
-__all__ = ["PAGE_SCHEMA", "describe_page", "make_page"]
-
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
 #: the slider of the load goes so far below and above the loads of the scene, up to this overlap in diameters

@@ -12,8 +12,6 @@ from granphon.base.scales import HertzPrefix
 from granphon.dynamics.compatibility import GYRATION
 from granphon.phonons.bands import Bands
 
-__all__ = ["describe_for_phononwebsite", "write_phononwebsite"]
-
 #: diameter of a ball in the file, Angstrom: that of an atom, so that the viewer draws bonds between balls that touch
 _DIAMETER = 2.5
 #: chemical symbols and numbers of a ball and of the marks on it

@@ -32,8 +32,6 @@ from granphon.phonons.phonopy_atoms import (
     read_motions,
 )  # fmt: skip
 
-__all__ = ["Bands", "PhononModes"]
-
 Array = NDArray[np.float64]
 #: share of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6

@@ -46,7 +46,6 @@ from granphon.phonons.neighbours import keep_rows
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-__all__ = ["HertzMindlin", "atoms"]
 
 Array = NDArray[np.float64]
 #: least delta/d at which double-precision positions still hold six digits of the overlap

@@ -19,8 +19,6 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.phonons.neighbours import PairList, Pairs, keep_rows
 
-__all__ = ["ContactFinder", "Deformations", "Rest", "find_motions"]
-
 Array = NDArray[np.float64]
 #: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
 #: that contact

@@ -16,8 +16,6 @@ from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
 from granphon.base.text import require_schema
 
-__all__ = ["DensityOfStates"]
-
 Array = NDArray[np.float64]
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
 #: share of the largest density by which a density may be below zero

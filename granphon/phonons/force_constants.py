@@ -13,7 +13,6 @@ from granphon.dynamics.rows import push_rows
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-__all__ = ["assemble", "contact_blocks"]
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 from phonopy.phonon.mesh import Mesh
 from phonopy.phonon.tetrahedron_method import get_integration_weights
 
-__all__ = ["integrate_tetrahedra"]
-
 Array = NDArray[np.float64]
 #: number of wave vectors, of similar frequencies, whose weights are computed together
 _POINTS_TOGETHER = 128

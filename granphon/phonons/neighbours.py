@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from granphon.balls.contact_table import select_once
 from granphon.base.errors import InputError, message
 
-__all__ = ["PairList", "Pairs", "keep_rows"]
-
 Array = NDArray[np.float64]
 #: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has moved by half of it. It
 #: is small enough that a list does not reach the second neighbours of the lattices.

@@ -22,15 +22,6 @@ from granphon.base.text import closest, counted, show
 from granphon.base.validation import require
 from granphon.dynamics.compatibility import require_digits
 
-__all__ = [
-    "BandPath",
-    "default_letters",
-    "interpolate_path",
-    "read_labels",
-    "read_paths",
-    "special_points",
-]
-
 Array = NDArray[np.float64]
 #: the pieces of a path, each a tuple of points of three numbers
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]

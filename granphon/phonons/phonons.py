@@ -33,9 +33,7 @@ from granphon.phonons.force_constants import contact_blocks
 from granphon.phonons.mesh_integrals import integrate_tetrahedra
 from granphon.phonons.paths import LARGEST_COUNT, check_inside, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
-from granphon.phonons.phonopy_bridge import ContactPhonopy, load_phonopy, write_phonopy
-
-__all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
+from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,6 @@ from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.base.scales import HertzPrefix, Units, file_header
 
-__all__ = ["OFFSET", "SPIN", "find_offset_phases", "make_header", "name_atoms", "place_atoms", "read_motions"]
-
 Array = NDArray[np.float64]
 #: chemical symbol of the atoms that hold rotations alone
 SPIN = "Sn"

@@ -26,8 +26,6 @@ from granphon.base.staging import write_text
 from granphon.base.text import plain_yaml, versions, write_float
 from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions
 
-__all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
-
 Array = NDArray[np.float64]
 
 _SYMMETRY = "it imposes the sum rule or the space group of translations, and some coordinates are rotations"

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["zone_faces", "zone_polygon"]
-
 Array = NDArray[np.float64]
 #: corners of the zone that are closer than this part of its size are one corner
 _SAME = 1e-6

@@ -40,8 +40,6 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 
-__all__ = ["OBSERVABLES", "SCALES", "SCENE_SCHEMA", "read_values", "space_evenly"]
-
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it

@@ -10,8 +10,6 @@ from granphon.base.notebook import write_html
 from granphon.base.quantities import load_quantities
 from granphon.scene.specification import Specification
 
-__all__ = ["write_scene"]
-
 
 def write_scene(scene: Specification) -> str:
     """Return a table of what a scene says, in SI units; no state is computed."""

@@ -22,12 +22,12 @@ from granphon.base.errors import GranphonError, InputError, MechanismError, mess
 from granphon.base.progress import Progress
 from granphon.media import cost as costs
 from granphon.media.cases import Case, Grid
-from granphon.media.choice import MEDIA, MediumChoice, Rung
+from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.scene.reader import Origin
+from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
 from granphon.waves.settings import READINGS, WaveSettings
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     from granphon.sweeps.dataset import Dataset
 
-__all__ = ["Plan", "PlannedCase"]
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
@@ -62,10 +61,10 @@ class PlannedCase:
 
     case: Case
     written: str
-    origin: Origin
+    origin: SceneSource
 
     @property
-    def rungs(self) -> list[Rung]:
+    def rungs(self) -> list[ServingMedium]:
         """The media that serve the loads, see :attr:`granphon.media.cases.Case.rungs`."""
         with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.rungs
@@ -75,7 +74,7 @@ class PlannedCase:
         """State of the contacts under the first load, the only one if the scene is not a sweep."""
         return self._find_state(0)
 
-    def states(self, wanted: Callable[[Rung], bool]) -> Iterator[tuple[str, ContactState]]:
+    def states(self, wanted: Callable[[ServingMedium], bool]) -> Iterator[tuple[str, ContactState]]:
         """Label and state of each medium for which ``wanted`` is true.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
@@ -114,7 +113,7 @@ class PlannedCase:
         return most
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`Origin`."""
+        """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`SceneSource`."""
         return self.origin.at_load(self.written, index, before)
 
     def _find_state(self, index: int) -> ContactState:
@@ -124,7 +123,7 @@ class PlannedCase:
             raise InputError(message("the frequencies or velocities are beyond double precision"))
         return state
 
-    def _solve(self, rung: Rung, load: Load) -> ContactState:
+    def _solve(self, rung: ServingMedium, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
             # False is the default of a scene, so it counts as not given
             return rung.at(load, finite_overlap=self.case.finite_overlap or None)
@@ -135,12 +134,12 @@ class Plan:
     """The cases of a ``scene``: its media at every combination of values of its ``axes``, under its ``load``."""
 
     scene: Specification
-    origin: Origin
+    origin: SceneSource
     axes: tuple[Axis, ...]
     load: Load
 
     @classmethod
-    def of(cls, scene: Specification, origin: Origin) -> Plan:
+    def of(cls, scene: Specification, origin: SceneSource) -> Plan:
         """Make the plan of a scene, with all its parameters and loads."""
         return cls(scene, origin, tuple(Axis(*axis) for axis in scene.parameters), scene.load)
 
@@ -191,7 +190,7 @@ class Plan:
         return self.cases[0]
 
     @property
-    def rung(self) -> Rung:
+    def rung(self) -> ServingMedium:
         """The medium of a scene of one state, and its expected error; an automatic medium has made its choice.
 
         :class:`~granphon.base.errors.InputError` if none can be chosen, or if the scene is a sweep.

@@ -21,8 +21,6 @@ from granphon.scene.fields import choose_lattice, table_named
 from granphon.scene.schema import read_blocks
 from granphon.waves.settings import PulseSettings, SpectrumSettings
 
-__all__ = ["Origin"]
-
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: what an option of a medium may be that turns out to be wrong when it is carried out
@@ -32,7 +30,7 @@ _WAVES = {"spectrum": SpectrumSettings, "pulse": PulseSettings}
 
 
 @dataclass(frozen=True)
-class Origin:
+class SceneSource:
     """The document that a scene was read from, and the path of its file; both are None for a scene made in Python.
 
     A document that was read from a text has no path. The context managers turn errors of the library into
@@ -44,12 +42,12 @@ class Origin:
     path: Path | None = None
 
     @classmethod
-    def of_file(cls, path: str | os.PathLike[str]) -> Origin:
+    def of_file(cls, path: str | os.PathLike[str]) -> SceneSource:
         """Read the document in a scene file; :class:`~granphon.base.errors.SceneError` if it is not YAML."""
         return cls(parse_yaml(read_text(path), str(path)), Path(path))
 
     @classmethod
-    def of_text(cls, text: str, name: str) -> Origin:
+    def of_text(cls, text: str, name: str) -> SceneSource:
         """Read a document from a text, which messages call ``name``; SceneError if it is not YAML."""
         return cls(parse_yaml(text, name))
 

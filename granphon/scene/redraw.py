@@ -14,7 +14,6 @@ from granphon.scene.several import find_results, read_fit, read_unchanged, requi
 if TYPE_CHECKING:
     from granphon.dynamics.modes import ContactLattice
 
-__all__ = ["redraw"]
 
 #: what of the waves in samples is drawn
 _WAVES = ("spectrum", "pulse", "dos")

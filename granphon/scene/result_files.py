@@ -35,11 +35,6 @@ from granphon.scene.fields import DIAMETERS_FILE
 from granphon.scene.plan import Plan
 from granphon.scene.specification import Specification
 
-__all__ = [
-    "RESULT_FILES", "SAMPLE_TABLES", "SUMMARY_SCHEMA", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FILE", "draw_sweep",
-    "expected_files", "figure_name", "list_files", "read_summary", "tell_undrawn", "wave_figures", "wave_files",
-]  # fmt: skip
-
 #: tables of the balls and contacts of a sample that was loaded with friction
 SAMPLE_TABLES = ("sample_balls.csv", "sample_contacts.csv")
 #: what a scene observes of the waves in the samples of a simulation, with the files of numbers that it gives

@@ -20,7 +20,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.notebook import write_html
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import LocalField
-from granphon.media.choice import Rung
+from granphon.media.choice import ServingMedium
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
@@ -31,11 +31,12 @@ from granphon.scene.specification import Specification
 from granphon.waves.settings import POLARISATIONS
 
 if TYPE_CHECKING:
-    from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
+    from granphon.phonons.bands import Bands
+    from granphon.phonons.dos import DensityOfStates
+    from granphon.phonons.phonons import Phonons
     from granphon.scene.sample_waves import SampleWaves
     from granphon.sweeps.dataset import Dataset
 
-__all__ = ["RunResult"]
 
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
@@ -112,7 +113,7 @@ class RunResult:
         return self._analysis.moduli if "velocities" in self.scene.observe else None
 
     @property
-    def rung(self) -> Rung | None:
+    def rung(self) -> ServingMedium | None:
         """The medium that an automatic medium has chosen for the only state, and its error; None of another medium."""
         return self.plan.rung if self.scene.media[0].is_automatic else None
 

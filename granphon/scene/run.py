@@ -18,7 +18,7 @@ from granphon.base.text import dump_yaml, read_yaml, versions
 from granphon.observables.catalogue import Analysis
 from granphon.scene.fields import DIAMETERS_FILE
 from granphon.scene.plan import Plan
-from granphon.scene.reader import Origin
+from granphon.scene.reader import SceneSource
 from granphon.scene.result_files import (
     RESULT_FILES,
     SUMMARY_SCHEMA,
@@ -35,9 +35,6 @@ from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
-
-
-__all__ = ["is_complete", "run"]
 
 
 def run(
@@ -126,7 +123,7 @@ def is_complete(plan: Plan, folder: str | os.PathLike[str]) -> bool:
     target = Path(folder)
     try:
         made = read_yaml(target / "summary.yaml")["versions"]
-        if type(plan.scene)(**Origin.of_file(target / "scene.yaml").read()) != plan.scene or made != made | packages():
+        if type(plan.scene)(**SceneSource.of_file(target / "scene.yaml").read()) != plan.scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False

@@ -24,8 +24,6 @@ from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse, average_pulses
 from granphon.waves.spectral_functions import SpectralFunction
 
-__all__ = ["SampleWaves", "draw_waves", "read_waves"]
-
 
 @dataclass(frozen=True)
 class SampleWaves:

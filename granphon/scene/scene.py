@@ -18,7 +18,7 @@ from granphon.media.cost import Cost
 from granphon.media.state import ContactState
 from granphon.scene.notebook import write_scene
 from granphon.scene.plan import Plan
-from granphon.scene.reader import Origin
+from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from granphon.scene.results import RunResult
     from granphon.sweeps.dataset import Dataset
-
-__all__ = ["Scene"]
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class Scene(Specification):
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""
-        return cls._read(Origin.of_file(path))
+        return cls._read(SceneSource.of_file(path))
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
@@ -79,10 +77,10 @@ class Scene(Specification):
 
         Files that it names are looked for in the working folder.
         """
-        return cls._read(Origin.of_text(text, name))
+        return cls._read(SceneSource.of_text(text, name))
 
     @classmethod
-    def _read(cls, origin: Origin) -> Self:
+    def _read(cls, origin: SceneSource) -> Self:
         given = origin.read()
         with origin.at():
             scene = cls(**given)

@@ -24,8 +24,6 @@ from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import fields
 from granphon.waves.settings import pulse_rules, spectrum_rules
 
-__all__ = ["REQUIRED", "read_blocks", "scene_rules"]
-
 #: keys that a scene file must have: at the top level (""), and in each block
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     "": ("material", "packing", "load"), "material": ("young_modulus", "poisson_ratio", "density"), "packing": ("diameter",),

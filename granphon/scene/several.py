@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from granphon.figures.runs import Run
     from granphon.fits.fit import WidthFit
 
-__all__ = ["DRAWN", "draw_together", "find_results", "read_fit", "read_run", "read_unchanged", "require_format"]
 
 _FORMATS = (".pdf", ".png", ".svg")
 #: the figure of several runs, if it is given no name

@@ -23,10 +23,8 @@ from granphon.media.cases import require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.phonons.paths import BandPath, read_paths
 from granphon.scene import fields as rules
-from granphon.scene.reader import Origin
+from granphon.scene.reader import SceneSource
 from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings, write_settings
-
-__all__ = ["Specification"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Specification:
     pulse: PulseSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
-    _origin: Origin = field(default=Origin(), init=False, repr=False, compare=False)
+    _origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())

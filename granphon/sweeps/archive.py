@@ -24,7 +24,6 @@ from granphon.observables.catalogue import CATALOGUE
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep", "write_waves"]
 
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"

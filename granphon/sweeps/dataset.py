@@ -28,7 +28,6 @@ from granphon.sweeps.workers import packages
 if TYPE_CHECKING:
     from xarray import Dataset as Dataset
 
-__all__ = ["Way", "collect_identity", "fill", "find_dataset", "list_finite_overlap", "make_frame"]
 
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it

@@ -23,7 +23,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.results import plain
 from granphon.media.cases import Case
-from granphon.media.choice import Rung
+from granphon.media.choice import ServingMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
 from granphon.media.simulation import DirectSimulation, SimulatedState
@@ -38,8 +38,6 @@ from granphon.sweeps.store import TaskResult
 from granphon.sweeps.unfinished import end_early, find_reached, mark_as, spread, strip
 from granphon.sweeps.workers import packages
 from granphon.waves.settings import WaveSettings
-
-__all__ = ["LATTICE_BANDS", "Job", "Work", "describe_mechanism", "tell_warnings", "to_json"]
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -164,7 +162,7 @@ class Job:
     """One medium on one packing at all loads that it serves; ``where`` names the job in messages."""
 
     where: str
-    rung: Rung
+    rung: ServingMedium
     asked: Asked
 
     @property

@@ -17,8 +17,6 @@ from granphon.media.simulation import SimulatedState
 from granphon.sweeps.store import TaskResult
 from granphon.waves.settings import WaveSettings
 
-__all__ = ["RecordedState", "SampleRecord"]
-
 Array = NDArray[np.float64]
 #: what the names of numbers of waves begin with in the result of a task
 _WAVES = "waves."

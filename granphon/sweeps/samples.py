@@ -15,8 +15,6 @@ from granphon.base.results import read_only
 from granphon.media.simulation import DirectSimulation
 from granphon.sweeps.store import TaskResult
 
-__all__ = ["keep_balls", "restore_sample"]
-
 #: what the names of arrays of the balls begin with in the result of a task
 _BALLS = "balls."
 #: what of an equilibrium is not kept: the sample is drawn again from its seed

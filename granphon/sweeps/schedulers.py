@@ -27,8 +27,6 @@ from granphon.media.cost import available_memory
 from granphon.sweeps import MOST_WORKERS
 from granphon.sweeps.workers import Workers, hold_back_signals, packages, require_packages, start_tracker
 
-__all__ = ["check_workers", "client_of", "count_calls", "open_executor", "require_workers"]
-
 #: time in which a scheduler must answer, s; and the longest time that closing the connection may take
 _ANSWER_SECONDS, _CLOSING_SECONDS = 5.0, 1.0
 #: longest time in which the worker processes of a local scheduler must start, s: they take a second

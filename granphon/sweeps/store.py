@@ -28,8 +28,6 @@ from granphon.base.errors import FileExistsInRunError, OutputError, message
 from granphon.base.staging import has_locks
 from granphon.base.text import show
 
-__all__ = ["HEAD", "Store", "TaskResult", "decode", "encode", "name_of", "open_store", "read_entries"]
-
 #: the result of a task, or of its first steps; no array holds Python objects
 TaskResult = dict[str, NDArray[Any]]
 #: bytes before the body of an entry: its SHA-256

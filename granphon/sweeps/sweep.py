@@ -44,7 +44,6 @@ from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSetting
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["SweepRun", "sweep", "sweep_grid"]
 
 Array = NDArray[Any]
 #: a prestress f/(k a) so small that a lattice which buckles under it does so under any

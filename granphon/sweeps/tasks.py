@@ -24,8 +24,6 @@ from granphon.sweeps.schedulers import check_workers, client_of, count_calls
 from granphon.sweeps.store import Store, TaskResult, decode, encode
 from granphon.sweeps.workers import InProcess, packages, require_packages
 
-__all__ = ["Result", "Task", "advance", "solve_all"]
-
 #: time after which a worker begins nothing more of a call, s
 CALL_SECONDS = 0.1
 #: number of workers that are lost with a task before it counts as the reason; the last one has nothing else to do

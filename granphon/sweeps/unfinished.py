@@ -25,10 +25,6 @@ from granphon.sweeps.store import Store, TaskResult
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = [
-    "INCOMPLETE", "end_early", "find_reached", "incomplete_files", "keep_incomplete", "mark_as", "require_complete",
-    "spread", "strip",
-]  # fmt: skip
 
 #: attribute of a data set that says why it lacks loads
 INCOMPLETE = "incomplete"

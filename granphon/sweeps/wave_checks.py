@@ -9,7 +9,7 @@ import numpy as np
 
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError
-from granphon.media.choice import Rung
+from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
@@ -19,13 +19,11 @@ from granphon.waves.kernel import Kernel
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.plane_waves import find_polarisations
-from granphon.waves.sending import MARGIN, Sending, require_sendable
+from granphon.waves.sending import MARGIN, PulseSource, require_sendable
 from granphon.waves.settings import SpectrumSettings, WaveSettings
 
-__all__ = ["require_waves"]
 
-
-def require_waves(rungs: Sequence[Rung], wanted: WaveSettings, most: float = np.inf) -> None:
+def require_waves(rungs: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
     """Raise if what is ``wanted`` cannot be found in the arrays of a case, at any of its loads.
 
     Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force, which takes no simulation:
@@ -45,7 +43,7 @@ def require_waves(rungs: Sequence[Rung], wanted: WaveSettings, most: float = np.
                 _require_spectrum(network, medium, wanted.spectrum, wanted)
             try:
                 if wanted.pulse is not None:
-                    require_sendable(network, Sending.of(wanted.pulse, network, wanted.direction))
+                    require_sendable(network, PulseSource.of(wanted.pulse, network, wanted.direction))
             except GranphonError as error:
                 errors.append(error)
         if len(errors) == len(ends):

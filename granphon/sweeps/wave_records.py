@@ -23,11 +23,9 @@ from granphon.media.loaded_lattice import ideal_lattice
 from granphon.waves.lines import find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.pulses import Pulse
-from granphon.waves.sending import Sending, transmit
+from granphon.waves.sending import PulseSource, transmit
 from granphon.waves.settings import PulseSettings, WaveSettings
 from granphon.waves.waves import Waves
-
-__all__ = ["average_waves", "read_whole", "record_waves"]
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
@@ -79,7 +77,7 @@ def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> tupl
     """Send a pulse. What cannot be known of it is nan, and the text ``pulse_note`` says why."""
     out, note, said, heard = dict.fromkeys(_PULSE, math.nan), "", "", None
     try:
-        heard = transmit(waves.network, Sending.of(settings, waves.network, direction))
+        heard = transmit(waves.network, PulseSource.of(settings, waves.network, direction))
         out |= {name: getattr(heard, source) for name, source in _PULSE.items()}
         note = heard.why_unknown
         said = " ".join(text for text in heard.warnings if not note or note not in text)

@@ -23,8 +23,6 @@ from typing import Any
 from granphon.base.errors import GranphonError, message
 from granphon.base.text import versions
 
-__all__ = ["InProcess", "Workers", "hold_back_signals", "packages", "require_packages", "start_tracker"]
-
 #: signals with which a terminal or a batch system stops this process
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 

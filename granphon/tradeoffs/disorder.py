@@ -17,15 +17,13 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.laws.collocation import solve_curve
 from granphon.laws.effective import make_averages
-from granphon.media.accuracy import REST, Truth
+from granphon.media.accuracy import REST, ReferenceModel
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import local_exponent
 from granphon.tradeoffs.ensemble import QUANTITIES, observe
 from granphon.tradeoffs.study import SECONDS, Stopwatch, Study
-
-__all__ = ["MOST_OPENINGS", "Disorder", "DisorderStudy"]
 
 Array = NDArray[np.float64]
 #: number of openings of listed diameters above which solving the effective medium takes noticeable time
@@ -47,7 +45,7 @@ class Disorder:
     load: Load
     quantities: tuple[str, ...]
     stopwatch: Stopwatch = SECONDS
-    truth: Truth = REST
+    truth: ReferenceModel = REST
 
     @property
     def columns(self) -> list[int]:

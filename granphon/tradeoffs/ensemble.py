@@ -23,12 +23,10 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.results import Result
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
-from granphon.media.accuracy import REST, Truth
+from granphon.media.accuracy import REST, ReferenceModel
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import sound_velocities
-
-__all__ = ["QUANTITIES", "Ensemble", "Moments", "observe"]
 
 Array = NDArray[np.float64]
 #: quantities that are averaged, and whose errors are measured: velocities of long waves, and the scale of frequencies
@@ -92,7 +90,9 @@ class Moments:
     :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
-    def __init__(self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: Truth = REST) -> None:
+    def __init__(
+        self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: ReferenceModel = REST
+    ) -> None:
         self.packing, self.load, self.shape, self.seed, self.truth = packing, load, shape, seed, truth
         self._moduli: list[Array] = []
         self._overlaps: list[Array] = []

@@ -20,8 +20,6 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, leave_out
 
-__all__ = ["GridStudy"]
-
 Array = NDArray[np.float64]
 #: kinds of grids
 _METHODS = ("graded triangles", "uniform grid")

@@ -38,8 +38,6 @@ from granphon.sweeps.workers import packages
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import NOT_MEASURED, SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
-__all__ = ["BETTER", "TRADEOFF_FILES", "MeasuredPoint", "TradeOff", "carry_out", "tradeoff"]
-
 Array = NDArray[np.float64]
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
 BETTER = 100.0

@@ -16,7 +16,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.media.accuracy import REST, Truth
+from granphon.media.accuracy import REST, ReferenceModel
 from granphon.media.cost import estimate, write_duration
 from granphon.media.left_out import LATTICE
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
@@ -25,8 +25,6 @@ from granphon.media.sizes_and_times import even_shape
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.ensemble import Moments
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
-
-__all__ = ["MediaStudy"]
 
 Array = NDArray[np.float64]
 #: first seed of the reference's samples, far from the seeds of the points
@@ -95,7 +93,9 @@ class MediaStudy(DisorderStudy):
 
             return prepare
 
-        def prepare_simulation(shape: tuple[int, ...], samples: int, of: Truth) -> Callable[[int], DirectSimulation]:
+        def prepare_simulation(
+            shape: tuple[int, ...], samples: int, of: ReferenceModel
+        ) -> Callable[[int], DirectSimulation]:
             return lambda run: DirectSimulation(packing, shape, run * samples, samples, **of.options)
 
         computed = prepare_effective(lambda: EffectiveMedium(packing))

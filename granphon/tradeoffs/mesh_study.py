@@ -18,8 +18,6 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, Study, leave_out
 
-__all__ = ["MeshStudy", "compare_counts"]
-
 Array = NDArray[np.float64]
 #: methods of a density of states
 _METHODS = ("tetrahedron", "smearing")

@@ -23,8 +23,6 @@ from granphon.base.errors import InputError, PrecisionError, message
 from granphon.dynamics.modes import ContactLattice
 from granphon.laws.spread import STIFFNESS, high_pressure_series
 
-__all__ = ["balance", "integrate_curve", "count_modes", "integrate_local_field"]
-
 Array = NDArray[np.float64]
 #: balls over which (36) sums: weights, F^Q, K^Q, and the derivative of K^Q by y or by a variable of y; each (n_Q,)
 BallSums = tuple[Array, Array, Array, Array]

@@ -20,8 +20,6 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.tradeoffs.disorder import MOST_OPENINGS, DisorderStudy
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
 
-__all__ = ["SolutionStudy"]
-
 Array = NDArray[np.float64]
 #: tolerances of the collocation for each number of stages; with few stages, small ones take ever more steps
 _TOLERANCES: Mapping[int, tuple[float, ...]] = {

@@ -19,8 +19,6 @@ from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.media.cost import Cost
 
-__all__ = ["EPSILON", "NOT_MEASURED", "SECONDS", "Deadline", "Point", "Reference", "Stopwatch", "Study", "leave_out"]
-
 Array = NDArray[np.float64]
 #: relative distance between neighbouring double-precision numbers at 1
 EPSILON = float(np.finfo(float).eps)

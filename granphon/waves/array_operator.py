@@ -21,8 +21,6 @@ from granphon.array.rooms import Rooms
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["ArrayOperator", "find_kinds", "make_operator"]
-
 Array = NDArray[np.float64]
 #: number of balls, of each kind in the cell, that are worked on at a time
 _PART = 2**13

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief, message
 
-__all__ = ["METHODS", "find_arrivals", "find_delay", "find_envelope", "find_share"]
-
 Array = NDArray[np.float64]
 #: ways to read a time of flight
 METHODS = ("envelope", "first", "correlation")

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["polynomials"]
-
 Array = NDArray[np.float64]
 
 

@@ -18,8 +18,6 @@ from granphon.waves.kernel import Kernel
 from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["SpectralDensity", "find_dos"]
-
 Array = NDArray[np.float64]
 #: most numbers of moments of all random vectors: their densities are 4 GiB
 _MOST = 2**26

@@ -14,8 +14,6 @@ from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpa
 from granphon.waves.filtering import find_filtered
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["find_eigenpairs", "require_stable"]
-
 #: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
 _LARGEST = 10_000
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most

@@ -11,8 +11,6 @@ from granphon.base.errors import ConvergenceError, InputError, InstabilityError,
 from granphon.base.text import counted
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["DENSE", "RESIDUAL", "UNSTABLE", "ZERO", "Eigenpairs", "Problem", "find_limit", "make_too_few"]
-
 Array = NDArray[np.float64]
 #: most motions of a network all of whose modes are found at once, by a dense matrix
 DENSE = 600

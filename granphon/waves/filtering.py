@@ -28,8 +28,6 @@ from granphon.waves.kernel import Kernel
 from granphon.waves.moments import Moments
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["find_filtered"]
-
 Array = NDArray[np.float64]
 #: random vectors and moments of the density of states from which the window follows
 _VECTORS, _MOMENTS = 4, 512

@@ -24,8 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arguments import positive, whole_number
 from granphon.base.errors import InputError, message
 
-__all__ = ["MOMENTS", "Kernel"]
-
 Array = NDArray[np.float64]
 #: number of moments, if none is given: a resolution of 0.6 % of the top frequency
 MOMENTS = 256

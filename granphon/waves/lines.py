@@ -12,8 +12,6 @@ from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
 from granphon.waves.kernel import Kernel
 
-__all__ = ["Lines", "find_attenuation", "find_ioffe_regel", "find_lines", "find_mean_free_path", "true_width"]
-
 Array = NDArray[np.float64]
 #: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2 L^2 + G^2)^1/2. With
 #: l = 0.5346 that is Voigt's curve, of a Gaussian (Olivero and Longbothum, J. Quant. Spectrosc. Radiat. Transf. 17, 233

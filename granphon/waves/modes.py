@@ -14,8 +14,6 @@ from granphon.base.results import Result
 from granphon.waves.eigenpairs import find_eigenpairs
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["NetworkModes", "find_modes"]
-
 Array = NDArray[np.float64]
 
 

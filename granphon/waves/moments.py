@@ -14,8 +14,6 @@ from granphon.waves.chebyshev import polynomials
 from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["Moments", "Refinable", "keeps_vectors"]
-
 #: what a result is refined with
 Work = TypeVar("Work")
 Array = NDArray[np.float64]

@@ -32,7 +32,6 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-__all__ = ["WaveOperator"]
 
 Array = NDArray[np.float64]
 #: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself

@@ -23,8 +23,6 @@ from granphon.waves.plane_waves import PeriodicCell, nearest_wavevectors
 from granphon.waves.spectral_functions import SpectralFunction
 from granphon.waves.waves import Waves
 
-__all__ = ["PathPoints", "PathSpectra", "find_path_points", "find_path_spectra", "join_labels"]
-
 Array = NDArray[np.float64]
 #: wave vectors nearer to those of Gamma, in reduced coordinates, are the same but for rounding
 _SAME = 1e-6

@@ -15,10 +15,6 @@ from granphon.base.validation import choice, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 
-__all__ = [
-    "PeriodicCell", "find_polarisations", "fold_wavevectors", "make_plane_wave", "nearest_wavevectors", "read_wavevectors",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 _NAMES = ("longitudinal", "transverse", "rotational")
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, message
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["ENDS", "Course"]
-
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: what stands at the two ends of a network

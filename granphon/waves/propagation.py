@@ -22,8 +22,6 @@ from granphon.base.errors import InstabilityError, message
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import WaveOperator
 
-__all__ = ["TOLERANCE", "Propagation", "ToneBurst"]
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 #: most that the coefficients which are left out add up to, in units of the largest response

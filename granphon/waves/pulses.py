@@ -17,8 +17,6 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.waves.arrivals import find_arrivals, find_delay, find_envelope, find_share
 
-__all__ = ["Pulse", "average_pulses"]
-
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: part of the envelope at which a signal begins

@@ -1,7 +1,7 @@
 """Sending a pulse through a network: a tone burst goes from a plane of balls or from one ball, and is heard on a plane.
 
-:class:`Sending` says what is sent. Where it goes is found first (:class:`Route`), from the places of balls and the contacts
-alone, so that what cannot be sent is refused before anything is simulated; then it is propagated.
+:class:`PulseSource` says what is sent. Where it goes is found first (:class:`Route`), from the places of balls and the
+contacts alone, so that what cannot be sent is refused before anything is simulated; then it is propagated.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from granphon.waves.pulses import Pulse
 from granphon.waves.settings import READINGS, PulseSettings
 from granphon.waves.viscous import ViscousPropagation
 
-__all__ = ["MARGIN", "Route", "Sending", "require_sendable", "transmit"]
-
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: the record lasts this many times as long as a wave takes if balls move in proportion to a plane wave of great length
@@ -49,7 +47,7 @@ MARGIN = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Sending:
+class PulseSource:
     """A pulse to be sent: its fields are the arguments of :meth:`~granphon.waves.waves.Waves.transmit`, see there."""
 
     frequency: float
@@ -116,7 +114,7 @@ class Route:
     frames: Array
 
     @classmethod
-    def of(cls, network: ContactNetwork, wanted: Sending, margin: float = 1.0) -> Self:
+    def of(cls, network: ContactNetwork, wanted: PulseSource, margin: float = 1.0) -> Self:
         """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for the frequency.
 
         Waves may be faster by the factor ``margin`` than those of this network.
@@ -173,7 +171,7 @@ class Route:
         return max(float(self.times[-1]), self.burst.duration)
 
 
-def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
+def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent, or not be read.
 
     ``network`` is the array of equal balls in the place of one of differing balls that has not been simulated. What depends
@@ -188,7 +186,7 @@ def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
     _require_short(operator, route.last / MARGIN)
 
 
-def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | None = None) -> Pulse:
+def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperator | None = None) -> Pulse:
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
 
     ``operator`` is that of the network, if it is known, and known to be stable.

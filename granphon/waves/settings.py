@@ -12,11 +12,6 @@ from granphon.base.quantities import FREQUENCY, LENGTH, TIME, Quantity
 from granphon.base.text import show
 from granphon.base.validation import Rule, choice, each, number, require, whole
 
-__all__ = [
-    "POLARISATIONS", "READINGS", "WAVES", "PulseSettings", "SpectrumSettings", "WaveSettings", "pulse_rules",
-    "spectrum_rules", "write_settings",
-]  # fmt: skip
-
 #: what may be asked of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
 #: polarisations of the waves of a spectrum

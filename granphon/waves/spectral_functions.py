@@ -19,8 +19,6 @@ from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import find_polarisations, fold_wavevectors, make_plane_wave, read_wavevectors
 
-__all__ = ["SpectralFunction", "find_spectral_function"]
-
 Array = NDArray[np.float64]
 #: width of a line over that of the kernel, from which it counts as resolved
 _RESOLVED = 0.2

@@ -24,8 +24,6 @@ from scipy.special import jv
 from granphon.waves.operator import WaveOperator
 from granphon.waves.propagation import ToneBurst
 
-__all__ = ["ViscousPropagation"]
-
 Array = NDArray[np.float64]
 #: the longest span, in units of 2/c and of 1/R
 _DECAY, _PHASE = 6.0, 400.0

@@ -21,21 +21,19 @@ from granphon.waves.modes import NetworkModes, find_modes
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import nearest_wavevectors
 from granphon.waves.pulses import Pulse
-from granphon.waves.sending import Sending, transmit
+from granphon.waves.sending import PulseSource, transmit
 from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
-
-__all__ = ["Waves"]
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
 
 
 def _take_arguments(
-    make: Callable[P, Sending],
-) -> Callable[[Callable[[Waves, Sending], Pulse]], Callable[Concatenate[Waves, P], Pulse]]:
-    """Make a method of what is sent one of the arguments of :class:`Sending`, which alone names them and their defaults."""
+    make: Callable[P, PulseSource],
+) -> Callable[[Callable[[Waves, PulseSource], Pulse]], Callable[Concatenate[Waves, P], Pulse]]:
+    """Make a method of what is sent one of the arguments of :class:`PulseSource`, which has their names and defaults."""
 
-    def decorate(send: Callable[[Waves, Sending], Pulse]) -> Callable[Concatenate[Waves, P], Pulse]:
+    def decorate(send: Callable[[Waves, PulseSource], Pulse]) -> Callable[Concatenate[Waves, P], Pulse]:
         own, given = signature(send), signature(make)
         needed, more = ([name for name, one in given.parameters.items() if (one.default is one.empty) is need]
                         for need in (True, False))  # fmt: skip
@@ -169,8 +167,8 @@ class Waves:
         """
         return nearest_wavevectors(self.network, q)
 
-    @_take_arguments(Sending)
-    def transmit(self, wanted: Sending) -> Pulse:
+    @_take_arguments(PulseSource)
+    def transmit(self, wanted: PulseSource) -> Pulse:
         """Send a pulse through the network, and hear it on a plane of balls.
 
         A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of the source from t = 0 to

@@ -218,7 +218,7 @@ def squares(state: SimulatedState) -> Array:
     return np.concatenate([waves.reshape(*waves.shape[:2], -1), k], axis=-1)
 
 
-class Truth:
+class ReferenceModel:
     """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given force and overlap.
 
     ``shape`` are the numbers of cells of a sample. The table is measured in the directions of the lattice, the limit of
@@ -264,7 +264,7 @@ class Truth:
         return {kind: (c, c / count) for kind, c in chance.items()}, numbers(state)
 
 
-def load_of(kind: str, truth: Truth, balls: gp.Packing) -> Array:
+def load_of(kind: str, truth: ReferenceModel, balls: gp.Packing) -> Array:
     return truth.forces * unit(balls) if kind == "force" else np.asarray(truth.state.overlap)
 
 
@@ -285,7 +285,7 @@ def measured(
     lattice: str, spread: Spread, forces: Sequence[float], shape: tuple[int, ...], samples: int
 ) -> Iterator[tuple[int, str, str, Array, Array]]:
     """Place of eta, kind of load, medium, loads (f* or a*) and the largest error (or chance times root of balls) there."""
-    truth = Truth(lattice, spread, forces, shape, 10_000, samples)
+    truth = ReferenceModel(lattice, spread, forces, shape, 10_000, samples)
     for place, ratio in enumerate((None, *SCOPES[lattice].poisson_ratios)):
         balls = packing(spread, ratio, lattice)
         chances, right = truth.of(ratio)
@@ -395,7 +395,7 @@ def trials(
     shape, largest = (even_shape(find_lattice(lattice), one) for one in (side, SCOPES[lattice].largest))
     for label, spread in ((label, other_shapes()[label]) for label in spreads):
         forces = np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
-        truth = Truth(lattice, spread, forces, shape, 20_000, samples, geometry="exact")
+        truth = ReferenceModel(lattice, spread, forces, shape, 20_000, samples, geometry="exact")
         for ratio in (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist()):
             balls = packing(spread, ratio, lattice)
             right = numbers(truth.state_of(ratio))

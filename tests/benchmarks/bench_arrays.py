@@ -23,9 +23,10 @@ from scipy.sparse.linalg import LinearOperator, cg
 from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
-from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
 from granphon.array.sparse import find_step_length
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import FCC
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ def balls(side: int, seed: int = 0) -> Array:
 
 def rest(side: int, spacing: float, stencils: Stencils | None = None) -> Equilibrium:
     """The equilibrium at a*."""
-    return equilibrate(balls(side), Prescribed(overlap=spacing - 0.5), stencils or Stencils((side,) * 3, lattice=FCC))
+    return equilibrate(balls(side), ReducedLoad(overlap=spacing - 0.5), stencils or Stencils((side,) * 3, lattice=FCC))
 
 
 class Plain:

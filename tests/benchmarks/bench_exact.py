@@ -17,9 +17,10 @@ import numpy as np
 from side_by_side import Part, Row, command_line
 
 import granphon as gp
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import equilibrate_exactly
 
 SIZES = (64, 128, 256)
 SPACINGS = (1.5, 1.0, 0.8, 0.7, 0.6, 0.5, 0.45, 0.4)
@@ -41,12 +42,12 @@ def compare(length: int) -> Part:
     def part(repeats: int) -> list[Row]:
         x = gp.Uniform(1.0).sample((length, length), 1)
         x, stencils, rows = x - np.mean(x), Stencils((length, length)), []
-        equilibrate_in_truth(x[:8, :8] - np.mean(x[:8, :8]), Prescribed(overlap=0.0), RATIO)  # imports what it needs
+        equilibrate_exactly(x[:8, :8] - np.mean(x[:8, :8]), ReducedLoad(overlap=0.0), RATIO)  # imports what it needs
         for spacing in SPACINGS:
-            load, times = Prescribed(overlap=spacing - 0.5), []
+            load, times = ReducedLoad(overlap=spacing - 0.5), []
             calls = (
                 lambda load=load: equilibrate(x, load, stencils),
-                lambda load=load: equilibrate_in_truth(x, load, RATIO, stencils),
+                lambda load=load: equilibrate_exactly(x, load, RATIO, stencils),
             )
             measure(calls[0])
             for _ in range(repeats):

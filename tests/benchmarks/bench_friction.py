@@ -33,12 +33,12 @@ def draw(side: int) -> NDArray[np.float64]:
 
 def press(x: NDArray[np.float64], mu: float) -> float:
     """Return f* at the end of the path."""
-    from granphon.array.equilibrium import Prescribed
     from granphon.array.history import LoadingHistory
     from granphon.array.stencils import Stencils
+    from granphon.array.steps import ReducedLoad
 
     history = LoadingHistory(x, Stencils(x.shape, ETA), mu)
-    loads = [Prescribed(overlap=float(y)) for y in np.linspace(0.0, 0.5, STEPS + 1)[1:]]
+    loads = [ReducedLoad(overlap=float(y)) for y in np.linspace(0.0, 0.5, STEPS + 1)[1:]]
     states = list(history.path(loads))
     assert all(state.residual <= 1e-9 for state in states)
     return states[-1].force
@@ -46,27 +46,29 @@ def press(x: NDArray[np.float64], mu: float) -> float:
 
 def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
     """Find equilibria without friction, from that at a* = 1/2 on each from the one before."""
-    from granphon.array.equilibrium import Prescribed, equilibrate
+    from granphon.array.equilibrium import equilibrate
     from granphon.array.stencils import Stencils
+    from granphon.array.steps import ReducedLoad
 
     stencils = Stencils(x.shape)
-    state = equilibrate(x, Prescribed(overlap=0.0), stencils)
+    state = equilibrate(x, ReducedLoad(overlap=0.0), stencils)
     for overlap in overlaps:
-        state = equilibrate(x, Prescribed(overlap=float(overlap)), stencils, state)
+        state = equilibrate(x, ReducedLoad(overlap=float(overlap)), stencils, state)
 
 
 def paths(repeats: int) -> list[Row]:
     """64 x 64 balls, in units of the same path without friction, of the mean of its equilibria, and of its last one."""
-    from granphon.array.equilibrium import Prescribed, equilibrate
+    from granphon.array.equilibrium import equilibrate
+    from granphon.array.steps import ReducedLoad
 
     x, overlaps = draw(64), np.linspace(0.0, 0.5, STEPS + 1)[1:]
-    equilibrate(x, Prescribed(overlap=0.5))
+    equilibrate(x, ReducedLoad(overlap=0.5))
     rows = []
     for mu in (math.inf, 0.5, 0.2, 0.1):
         seconds = alternate(
             min(repeats, 3), path=lambda mu=mu: press(x, mu), sweep=lambda: sweep(x, overlaps),
-            rests=lambda: [equilibrate(x, Prescribed(overlap=float(y))) for y in overlaps],
-            rest=lambda: equilibrate(x, Prescribed(overlap=0.5)),
+            rests=lambda: [equilibrate(x, ReducedLoad(overlap=float(y))) for y in overlaps],
+            rest=lambda: equilibrate(x, ReducedLoad(overlap=0.5)),
         )  # fmt: skip
         what = f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over the same without friction"
         rows += [

@@ -24,9 +24,10 @@ from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
 from granphon.array import equilibrium as module
-from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
 from granphon.array.sparse import SparseArray
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import TRIANGULAR
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ def direct(repeats: int) -> list[Row]:
     x, rows = balls(128), []
     stencils, other = Stencils(x.shape), SparseArray(x)
     for spacing, bound in DIRECT:
-        load = Prescribed(overlap=spacing - 0.5)
+        load = ReducedLoad(overlap=spacing - 0.5)
         ours, theirs = equilibrate(x, load, stencils), other.forces(spacing - 0.5)
         apart = np.max(np.abs(ours.forces - theirs)) / ours.force
         assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
@@ -96,7 +97,7 @@ def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
         return found
 
     with mock.patch.object(module, "solve_by_conjugate_gradients", timed):
-        state = equilibrate(x, Prescribed(overlap=0.5), stencils)
+        state = equilibrate(x, ReducedLoad(overlap=0.5), stencils)
     return state, spent / state.conjugate
 
 
@@ -134,7 +135,7 @@ def growth(repeats: int) -> list[Row]:
 def alone(length: int) -> None:
     """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its beginning."""
     start = clocks()
-    state = equilibrate(balls(length), Prescribed(overlap=0.5))
+    state = equilibrate(balls(length), ReducedLoad(overlap=0.5))
     wall, processor = clocks() - start
     gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     numbers = {"s": wall, "processor_s": processor, "GiB": gib, "newton": state.newton, "conjugate": state.conjugate}
@@ -174,7 +175,7 @@ def near_threshold(repeats: int) -> list[Row]:
     """Half of the contacts open: against Newton's method with Green's function only, same tolerance."""
     rows = []
     for length, bound in NEAR:
-        x, load = balls(length), Prescribed(overlap=THRESHOLD + 0.02 - 0.5)
+        x, load = balls(length), ReducedLoad(overlap=THRESHOLD + 0.02 - 0.5)
         stencils = Stencils(x.shape)
 
         def before(of: Callable[[], Any], stencils: Stencils = stencils) -> Any:
@@ -186,7 +187,7 @@ def near_threshold(repeats: int) -> list[Row]:
             ):
                 return of()
 
-        def solve(x: Array = x, load: Prescribed = load, stencils: Stencils = stencils) -> Equilibrium:
+        def solve(x: Array = x, load: ReducedLoad = load, stencils: Stencils = stencils) -> Equilibrium:
             return equilibrate(x, load, stencils)
 
         ours, theirs = solve(), before(solve)
@@ -215,7 +216,7 @@ def fire(repeats: int) -> list[Row]:
     """128 x 128 balls against given times of another method."""
     x, rows = balls(128), []
     for spacing, tolerance, given, bound in FIRE:
-        load = Prescribed(overlap=spacing - 0.5)
+        load = ReducedLoad(overlap=spacing - 0.5)
         state = equilibrate(x, load, tolerance=tolerance)
         assert residual(state) <= tolerance, "not at rest: the ratio would mean nothing"
         (seconds,) = alternate(repeats, granphon=lambda load=load, t=tolerance: equilibrate(x, load, tolerance=t)).values()
@@ -228,7 +229,7 @@ def seconds(repeats: int) -> list[Row]:
     """Whole solutions, nothing kept; fewer repeats, as they are long."""
     rows = []
     for length, spacing in ((512, 1.0), (256, THRESHOLD + 0.02)):
-        x, load = balls(length), Prescribed(overlap=spacing - 0.5)
+        x, load = balls(length), ReducedLoad(overlap=spacing - 0.5)
         state = equilibrate(x, load)
         (median,) = alternate(min(repeats, 3), granphon=lambda x=x, load=load: equilibrate(x, load)).values()
         of, took = f"{length}x{length}, a* = {spacing:g}", f"{state.newton} steps, {state.conjugate} iterations"

@@ -29,14 +29,15 @@ from side_by_side import Part, Row, command_line
 from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 
 import granphon as gp
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import PressedArray
 from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.array.true_geometry import ExactGeometry
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
@@ -92,7 +93,7 @@ def deviations(seed: int, shape: tuple[int, int] = SHAPE) -> Array:
 
 
 def press(
-    mu: float, seed: int, shape: tuple[int, int], tolerance: float = TOLERANCE, start: Prescribed | None = None,
+    mu: float, seed: int, shape: tuple[int, int], tolerance: float = TOLERANCE, start: ReducedLoad | None = None,
     exact: bool = True,
 ) -> LoadingHistory:  # fmt: skip
     """History of an array in its exact geometry, or in the directions of the lattice."""
@@ -100,7 +101,7 @@ def press(
     return LoadingHistory(x, stencils, mu, tolerance, start, geometry=ExactGeometry(stencils, x, RATIO) if exact else None)
 
 
-def follow(mu: float, seed: int, loads: Sequence[Prescribed], exact: bool) -> list[Equilibrium]:
+def follow(mu: float, seed: int, loads: Sequence[ReducedLoad], exact: bool) -> list[Equilibrium]:
     """States under loads that grow; without friction each is found from the one before."""
     x, bare, found = deviations(seed), Stencils(SHAPE), list[Equilibrium]()
     if mu:
@@ -108,27 +109,27 @@ def follow(mu: float, seed: int, loads: Sequence[Prescribed], exact: bool) -> li
         return [PressedEquilibrium.of(one, x, paths.stencils, paths.ratio).share(x, bare) for one in paths.path(loads)]
     for load in loads:
         start = found[-1] if found else None
-        found.append(equilibrate_in_truth(x, load, RATIO, bare, start) if exact else equilibrate(x, load, bare, start))
+        found.append(equilibrate_exactly(x, load, RATIO, bare, start) if exact else equilibrate(x, load, bare, start))
     return found
 
 
 @cache
 def upwards(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
     """States at :data:`SPACINGS` on a way up."""
-    return tuple(follow(mu, seed, [Prescribed(overlap=a - 0.5) for a in SPACINGS], exact))
+    return tuple(follow(mu, seed, [ReducedLoad(overlap=a - 0.5) for a in SPACINGS], exact))
 
 
 @cache
 def cycle(mu: float, seed: int) -> tuple[PressedArray, ...]:
     """States on the way up to :data:`TURN`, and back to the first load: not all arrays come to rest on from there."""
     up, paths = [a for a in SPACINGS if a <= TURN], press(mu, seed, SMALLER, CYCLE_TOLERANCE)
-    return tuple(paths.path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1])))
+    return tuple(paths.path(ReducedLoad(overlap=a - 0.5) for a in (*up, *up[-2::-1])))
 
 
 @cache
 def by_force(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
     """States under :data:`FORCES`."""
-    return tuple(follow(mu, seed, [Prescribed(force=f) for f in FORCES], exact))
+    return tuple(follow(mu, seed, [ReducedLoad(force=f) for f in FORCES], exact))
 
 
 def find_moduli(state: Any, springs: str) -> tuple[float, float]:
@@ -342,9 +343,9 @@ def starts(repeats: int) -> list[Row]:
         for seed in range(SAMPLES):
             forces = []
             for a in STARTS:
-                paths = press(mu, seed, SMALLER, start=Prescribed(overlap=a - 0.5))
+                paths = press(mu, seed, SMALLER, start=ReducedLoad(overlap=a - 0.5))
                 way = [b for b in SPACINGS if b > a]
-                states = zip(way, paths.path(Prescribed(overlap=b - 0.5) for b in way), strict=True)
+                states = zip(way, paths.path(ReducedLoad(overlap=b - 0.5) for b in way), strict=True)
                 forces.append([state.force for b, state in states if b in COMPARED])
             found.append(np.array(forces) / np.array(forces)[STARTS.index(0.5)] - 1.0)
         value, error = over_samples(found)
@@ -385,7 +386,7 @@ TOLERANCES, FINE = (1e-4, 1e-5), 1e-6
 def reach(mu: float, seed: int, force: float, tolerance: float) -> tuple[Array, int]:
     """(springs, 2) velocities v_L and v_T, up to a factor, at a load reached in one go, and the number of steps."""
     paths = press(mu, seed, SMALLER, tolerance)
-    (state,) = paths.path([Prescribed(force=force)])
+    (state,) = paths.path([ReducedLoad(force=force)])
     pressed = PressedEquilibrium.of(state, paths.deviations, paths.stencils, paths.ratio)
     found = np.array([find_moduli(pressed.share(paths.deviations, Stencils(SMALLER)), springs) for springs in SPRINGS])
     return np.sqrt(np.column_stack([np.sum(found, axis=1), found[:, 1]])), state.steps
@@ -465,8 +466,8 @@ def rest(repeats: int) -> list[Row]:
         for seed in REST_SEEDS:
             stencils = Stencils((size, size))
             for load in REST_FORCES:
-                state = equilibrate_in_truth(
-                    deviations(seed, (size, size)), Prescribed(force=load), WIDTH / PACKING.diameter, stencils
+                state = equilibrate_exactly(
+                    deviations(seed, (size, size)), ReducedLoad(force=load), WIDTH / PACKING.diameter, stencils
                 )
                 stable += bool(np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0))
                 residual = max(residual, state.residual)
@@ -489,7 +490,7 @@ def narrow(repeats: int) -> list[Row]:
             reached = []
             for seed in NARROW_SEEDS:
                 with contextlib.suppress(ConvergenceError):
-                    equilibrate_in_truth(deviations(seed, SMALLER), Prescribed(overlap=spacing - 0.5), ratio)
+                    equilibrate_exactly(deviations(seed, SMALLER), ReducedLoad(overlap=spacing - 0.5), ratio)
                     reached.append(seed)
             what = f"arrays of 32 x 32 at rest at a* = {spacing:g}, W/d = {ratio:g}, of {len(NARROW_SEEDS)}"
             rows.append(Row(what, len(reached), note=f"seeds {', '.join(map(str, reached))}"))
@@ -585,7 +586,7 @@ def energy(repeats: int) -> list[Row]:
         for steps in (5, 10, 20, 40):
             paths = press(mu, 0, SMALLER, math.inf)
             spacings = np.linspace(0.5, 1.0, steps + 1)[1:]
-            states = [paths.begin(), *paths.path(Prescribed(overlap=float(a) - 0.5) for a in spacings)]
+            states = [paths.begin(), *paths.path(ReducedLoad(overlap=float(a) - 0.5) for a in spacings)]
             last = states[-1]
             work = simpson([state.force for state in states], x=[state.overlap for state in states])
             left = work - last.dissipated - (last.stored - states[0].stored)

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 
 import granphon as gp
-from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.response import elasticity
-from granphon.array.true_equilibrium import equilibrate_in_truth
+from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.base.threads import count_processors
@@ -52,7 +53,7 @@ def seeds(first: int, count: int) -> range:
     return range(1000 * first, 1000 * first + count)
 
 
-def at_rest(length: int, seed: int, loads: Sequence[Prescribed]) -> list[Equilibrium]:
+def at_rest(length: int, seed: int, loads: Sequence[ReducedLoad]) -> list[Equilibrium]:
     """One sample under some loads, each found from the one before."""
     x = gp.Uniform(1.0).sample((length, length), seed)
     x -= np.mean(x)
@@ -122,7 +123,7 @@ def scatter(repeats: int) -> list[Row]:
     rows = []
     for length, spacing, count, claimed in ((64, 1.0, 64, 7e-4), (64, 0.36, 64, 0.17), (128, 0.36, 24, 0.08)):
         force = np.array(
-            [at_rest(length, seed, [Prescribed(overlap=spacing - 0.5)])[0].force for seed in seeds(length, count)]
+            [at_rest(length, seed, [ReducedLoad(overlap=spacing - 0.5)])[0].force for seed in seeds(length, count)]
         )
         part = float(np.std(force, ddof=1) / np.mean(force))
         what = f"f* at a* = {spacing:g} of {length}x{length} balls: standard deviation of {count} samples, of the mean"
@@ -145,7 +146,9 @@ def threshold(repeats: int) -> list[Row]:
     spacing = np.arange(0.380, 0.3545, -0.0025)
     zeros = []
     for seed in seeds(128, 6):
-        states = at_rest(128, seed, [Prescribed(overlap=0.0), *(Prescribed(overlap=a - 0.5) for a in spacing.tolist())])[1:]
+        states = at_rest(128, seed, [ReducedLoad(overlap=0.0), *(ReducedLoad(overlap=a - 0.5) for a in spacing.tolist())])[
+            1:
+        ]
         power = np.array([state.force for state in states]) ** (2.0 / 3.0)
         near = spacing < 0.3701
         zeros.append((zero_of(spacing, power, 2), zero_of(spacing[near], power[near], 1)))
@@ -161,7 +164,7 @@ def contacts(repeats: int) -> list[Row]:
     forces = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
     kept, at_no_load = [], []
     for seed in seeds(64, 40):
-        states = at_rest(64, seed, [Prescribed(force=f) for f in forces.tolist()])
+        states = at_rest(64, seed, [ReducedLoad(force=f) for f in forces.tolist()])
         rows = [(state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force)) for state in states]
         kept.append(rows)
         at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), rows, 2)[0])
@@ -229,9 +232,9 @@ ETAS = {"steel": PACKINGS[True].mindlin_ratio, "no friction": 0.0}
 
 def left_out(limit: Equilibrium) -> Array:
     """(etas, 2, widths) parts of K and G that the limit of small width leaves out."""
-    load = Prescribed(overlap=limit.overlap)
+    load = ReducedLoad(overlap=limit.overlap)
     low = [bulk_and_shear(elasticity(limit, eta)) for eta in ETAS.values()]
-    states = [equilibrate_in_truth(limit.deviations, load, width, limit.stencils, limit) for width in WIDTHS]
+    states = [equilibrate_exactly(limit.deviations, load, width, limit.stencils, limit) for width in WIDTHS]
     true = [[bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states]
     return np.asarray(1.0 - np.moveaxis(low / np.array(true), 0, -1))
 
@@ -240,7 +243,7 @@ def deficits(repeats: int) -> list[Row]:
     """What the limit of small width leaves out of K and G over a* and W/d, and the power of W/d by which that of G grows."""
     rows, at = [], f"W/d = {', '.join(f'{width:.3g}' for width in WIDTHS)}"
     for spacing in SPACINGS:
-        limits = [at_rest(32, seed, [Prescribed(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)]
+        limits = [at_rest(32, seed, [ReducedLoad(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)]
         force, chance = mean_and_error(np.array([limit.force for limit in limits]))
         rows.append(Row(f"f* at a* = {spacing:g}", float(force), note=bracketed(float(force), float(chance))))
         found = np.array([left_out(limit) for limit in limits])
@@ -306,7 +309,7 @@ def loads(repeats: int) -> list[Row]:
     for length, samples in ((128, 5), (256, 3)):
         seconds = {
             spacing: np.median([
-                processor_time(lambda seed=seed, y=spacing - 0.5, n=length: at_rest(n, seed, [Prescribed(overlap=y)]))
+                processor_time(lambda seed=seed, y=spacing - 0.5, n=length: at_rest(n, seed, [ReducedLoad(overlap=y)]))
                 for seed in seeds(7, samples)
             ])
             for spacing in (1.0, 0.5, THRESHOLD + 0.02)

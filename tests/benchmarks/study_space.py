@@ -17,8 +17,9 @@ from side_by_side import Part, Row, command_line
 from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, bracketed, judged, mean_and_error
 
 import granphon as gp
-from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.equilibrium import equilibrate
 from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.dynamics.tensors import bulk_and_shear
 
@@ -92,7 +93,7 @@ def at_no_load(lattice: Lattice, shape: tuple[int, ...], seed: int) -> tuple[Arr
     # in a small array rows of balls that touch themselves across the edges, and cannot give way, carry the least load alone
     forces = LOW_FORCES[:-1] if shape[0] <= LEAST_SIDE else LOW_FORCES
     for force in forces.tolist():
-        state = equilibrate(x, Prescribed(force=force), stencils, state)
+        state = equilibrate(x, ReducedLoad(force=force), stencils, state)
         found.append((state.overlap + 0.5, lattice.coordination * np.mean(state.forces > 1e-6 * state.force)))
     return np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), found, 2)[0], np.array(found)
 
