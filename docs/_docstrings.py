@@ -45,7 +45,7 @@ INNER = frozenset({
     "check_sizes", "check_state", "once", "loaded_lattice", "overlap_of_equal_balls", "branch_scales", "prescribed",
     "require", "discard_results_on_any_change", "implemented_properties", "set", "units_of", "flat", "describe",
     "width_units", "response", "tally", "plan", "survey", "rung", "is_exact", "operator", "parameters_of_branches",
-    "waves_need_arrays", "to_info",
+    "waves_need_arrays", "to_info", "arrays",
 })  # fmt: skip
 
 

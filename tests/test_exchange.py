@@ -17,7 +17,7 @@ from warm import Warm
 import granphon as gp
 from granphon.base.errors import InputError, UnsupportedError
 from granphon.base.scales import HertzPrefix
-from granphon.phonons.phonons import load_phonopy
+from granphon.phonons.phonopy_bridge import load_phonopy
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 TOOLS = Path(sys.executable).parent
