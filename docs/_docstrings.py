@@ -45,7 +45,8 @@ INNER = frozenset({
     "check_sizes", "check_state", "once", "loaded_lattice", "overlap_of_equal_balls", "branch_scales", "prescribed",
     "require", "discard_results_on_any_change", "implemented_properties", "set", "units_of", "flat", "describe",
     "width_units", "response", "tally", "plan", "survey", "rung", "is_exact", "operator", "parameters_of_branches",
-    "waves_need_arrays", "to_info", "arrays",
+    "waves_need_arrays", "to_info",
+    "arrays", "long_law", "prepare", "slow_part", "is_solved_anew", "count_start", "require_start",
 })  # fmt: skip
 
 
