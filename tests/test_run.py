@@ -365,6 +365,17 @@ def result_material(result: RunResult) -> gp.Material:
     return gp.Material(**{k: v for k, v in json.loads(result.dataset.attrs["packing"])["material"].items() if k != "class"})
 
 
+def test_a_parameter_with_one_value_makes_a_sweep_of_one(work):
+    text = SWEEP.replace("[1 um, 2 um]", "[2 um]").replace("{from: 2 N, to: 20 N, points: 6}", "3 N")
+    text = text.replace("[ala, afa, ema]", "ema")
+    result = Scene.from_text(text).run("out")
+    assert listed(work / "out") == ALL
+    assert result.dataset["longitudinal"].shape == (1, 1, 1)
+    assert result.summary()["sizes"] == {"load": 1, "medium": 1, "width": 1}
+    with pytest.raises(InputError, match=r"that of a sweep.*Take its dataset"):
+        _ = result.state
+
+
 def test_a_side_force_is_swept_as_the_force_of_the_contacts(work):
     text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", "side_force: [100 N, 990 N], balls_per_side: 31")
     result = Scene.from_text(text).run("out", figures=False)

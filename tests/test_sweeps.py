@@ -572,6 +572,19 @@ def test_a_load_without_a_solution_is_named(rough, tmp_path, executor):
     assert [path.name for path in (tmp_path / "s").iterdir()] == [PARTIAL]  # what "ala" gave
 
 
+def test_a_sweep_of_a_single_state_is_named_in_errors_as_any_other(rough):
+    with pytest.raises(InputError, match=r"^ema, overlap = -1e-06 m: "):
+        sweep(rough, overlap=-1e-6, media="ema")
+
+
+def test_arrays_of_equal_balls_are_not_simulated_for_an_exponent_that_is_known(steel, monkeypatch):
+    from granphon.array import sample
+
+    monkeypatch.setattr(sample, "equilibrate", None)  # which finds them at neighbouring loads
+    ds = sweep(gp.Packing(steel, 8e-3), force=[1.0, 2.0], media={"simulation": {"shape": (4, 4)}})
+    assert_allclose(ds["exponent"], 1.0 / 6.0, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("load", "words"),
     [

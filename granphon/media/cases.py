@@ -50,7 +50,8 @@ class Grid:
     ``direction`` is that of sound, as an observer asks for it: Cartesian, one or many; None if nothing is asked for.
     ``waves`` says what is asked of the waves in each sample of a simulation; None for nothing. ``exponents`` says whether
     those of the velocities are asked for, for which a simulation solves two more equilibria at each load, and ``sound``
-    whether a lattice that has no velocities, a mechanism, is an error.
+    whether a lattice that has no velocities, a mechanism, is an error. ``alone`` says that a single state is asked for, with
+    its samples: messages then need not say which state they are about.
     """
 
     packing: Packing
@@ -62,11 +63,7 @@ class Grid:
     waves: Any = None
     exponents: bool = True
     sound: bool = True
-
-    @property
-    def is_one_state(self) -> bool:
-        """Whether there is one case at one load."""
-        return len(self.media) == self.load.size == 1 and all(len(axis.values) == 1 for axis in self.axes)
+    alone: bool = False
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:

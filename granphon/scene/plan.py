@@ -175,6 +175,7 @@ class Plan:
         return Grid(
             scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap, scene.direction,
             scene.waves, exponents=sound, sound=sound or not {"bands", "dos"} & set(scene.observe),
+            alone=not scene.is_sweep,
         )  # fmt: skip
 
     @cached_property

@@ -57,9 +57,10 @@ class RunResult:
     folder, files : folder of the results, and the paths of the files written there.
     dataset : every state, with velocities, moduli and bands, as :func:`granphon.sweeps.sweep.sweep` returns it.
     given : of a single state, what has been found of it; None after reading it from its folder.
-    phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states.
-    bands, dos : of a single state, frequencies along the path, Hz, and their density of states, 1/Hz.
-    waves : what was asked for of the waves in the samples of a single state.
+    phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states,
+        and after reading the result from its folder, where files hold these.
+    bands, dos : of a single state, frequencies along the path, Hz, and their density of states, 1/Hz; likewise.
+    waves : what was asked for of the waves in the samples of a single state; likewise.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
@@ -82,11 +83,6 @@ class RunResult:
     # -- a single state -------------------------------------------------------------------------------------------------
 
     @property
-    def is_one_state(self) -> bool:
-        """Whether there is one state."""
-        return self.dataset["valid"].size == 1
-
-    @property
     def state(self) -> ContactState:
         """The only state; :class:`~granphon.base.errors.InputError` if there are several."""
         return self._analysis.state
@@ -98,8 +94,8 @@ class RunResult:
 
     @cached_property
     def _analysis(self) -> Analysis:
-        if not self.is_one_state:
-            raise InputError(message(f"the result has {self.dataset['valid'].size} states", mend="Take its dataset"))
+        if not self.plan.grid.alone:
+            raise InputError(message("the result is that of a sweep", "It has no single state", "Take its dataset"))
         return Analysis(self.plan.state(), self.scene.direction) if self.given is None else self.given
 
     @property
@@ -136,7 +132,7 @@ class RunResult:
         """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
         from granphon.sweeps.dataset import list_finite_overlap
 
-        if self.is_one_state:
+        if self.plan.grid.alone:
             return bool(self.state.finite_overlap)
         found = list_finite_overlap(self.dataset)
         return found if len(set(found)) > 1 else found[0]
@@ -151,7 +147,7 @@ class RunResult:
         Of several states these are the sizes of the dimensions, the number of states, the media, and the least and the
         greatest force, overlap and velocities; with the direction of sound, if it was given or velocities depend on it.
         """
-        return self._summarise_state() if self.is_one_state else self._summarise_states()
+        return self._summarise_state() if self.plan.grid.alone else self._summarise_states()
 
     def _summarise_state(self) -> dict[str, Any]:
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
@@ -212,7 +208,7 @@ class RunResult:
 
         write_sweep(self.dataset, place / "sweep.nc")
         step.advance(2)
-        if not self.is_one_state:
+        if not self.plan.grid.alone:
             step.advance(len(write_waves(self.dataset, place)))
         if self.waves is not None:
             (sample, *_) = self.state.samples

@@ -87,7 +87,7 @@ def run(
         with plan.place_errors():
             work = SweepRun.of(plan.grid, **scene.bands)
             try:
-                if plan.grid.is_one_state:
+                if plan.grid.alone:
                     result = _run_alone(plan, target, work, progress, executor, store)
                 else:
                     result = RunResult(plan, target, work.join(work.do(executor, progress, store)))
@@ -141,12 +141,12 @@ def _run_alone(
         store.claim(None)
     state = work.works[0].restore(parts) if parts else plan.state()
     with plan.origin.where_it_buckles():
-        analysis = Analysis(state, scene.direction)
-        dataset = work.join_alone(analysis, parts)
-        if parts:
+        analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
+        dataset = work.join_alone(analysis, records)
+        if records:
             from granphon.scene.sample_waves import SampleWaves
 
-            waves = SampleWaves.of(scene, state, [SampleRecord.from_part(part, 0) for part in parts])
+            waves = SampleWaves.of(scene, state, records)
         return _add_spectra(RunResult(plan, target, dataset, analysis, waves=waves), progress)
 
 
@@ -173,7 +173,7 @@ def _add_spectra(result: RunResult, progress: Progress) -> RunResult:
 def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
     scene, numbers = result.scene, result.summary()
     limits: dict[str, Any] = {}
-    if result.is_one_state:
+    if result.plan.grid.alone:
         checks = [
             {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
             for c in result.validity.checks

@@ -56,11 +56,6 @@ class SampleWaves:
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
         return {name: one for name, one in found.items() if one is not None}
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Names of the files and figures that there is something to write into."""
-        return tuple(f"{name}{ending}" for name in self._results for ending in (".json", ".csv", ".png"))
-
     def write(self, place: Path, step: Step) -> None:
         """Write the files of numbers into the existing folder ``place``."""
         for name, one in self._results.items():

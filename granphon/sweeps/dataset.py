@@ -150,7 +150,7 @@ def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Task
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
-    warnings = list(dict.fromkeys(text for _, text in told)) if grid.is_one_state else label_warnings(told)
+    warnings = list(dict.fromkeys(text for _, text in told)) if grid.alone else label_warnings(told)
     if any(rung.chosen for work in works for rung in work.case.rungs):
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every case has

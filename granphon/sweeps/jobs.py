@@ -130,13 +130,12 @@ class Work:
                 out[name] = np.concatenate(rows)[order]
         return out | marks
 
-    def observe_alone(self, analysis: Analysis, parts: Sequence[TaskResult]) -> TaskResult:
-        """Return the variables of the only state; ``parts`` are the results of the :attr:`pieces`, if it has samples."""
+    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
+        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
         (job,) = self.jobs
         out = job.observe(analysis)
         if job.asked.waves is None:
             return out
-        records = [SampleRecord.from_part(part, 0) for part in parts]
         return _add_waves(out, job.load, records, job.asked.waves, self.case.packing, True)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
@@ -457,4 +456,4 @@ class _SampleJob(_ArrayJob):
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         asked = self.asked
         found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
-        return found | keep_balls(samples[0]) if self.asked.alone else found
+        return found | keep_balls(samples[0]) if asked.alone else found

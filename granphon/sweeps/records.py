@@ -59,7 +59,8 @@ class SampleRecord(Result):
     ) -> Self:
         """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
 
-        Without ``exponents`` there are no tensors at neighbouring loads. With ``whole`` the waves themselves are kept too.
+        There are tensors at neighbouring loads for ``exponents`` of balls that differ. With ``whole`` the waves themselves
+        are kept too.
         """
         found: dict[str, Any] = {}
         if waves is not None:
@@ -70,7 +71,7 @@ class SampleRecord(Result):
         return cls(
             sample.force, sample.boundary_force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
-            sample.elastic_tensors_beside if exponents else None, of_waves=found, **lost,
+            sample.elastic_tensors_beside if exponents and sample.packing.spread_matters else None, of_waves=found, **lost,
         )  # fmt: skip
 
     @classmethod

@@ -36,6 +36,7 @@ from granphon.phonons.paths import BandPath
 from granphon.sweeps.archive import file_names, load_sweep, write_sweep
 from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
 from granphon.sweeps.jobs import Asked, Job, Work, to_json
+from granphon.sweeps.records import SampleRecord
 from granphon.sweeps.store import Store, TaskResult, open_store
 from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.unfinished import incomplete_files, keep_incomplete, require_complete, strip
@@ -228,7 +229,7 @@ class SweepRun:
             _require_sound(cases)
         asked = Asked(
             grid.finite_overlap, None if way is None else way.qpoints, grid.direction, grid.waves, grid.exponents,
-            grid.sound, grid.is_one_state,
+            grid.sound, grid.alone,
         )  # fmt: skip
         return cls(grid, frame, tuple(Work(case, asked) for case in cases))
 
@@ -243,7 +244,7 @@ class SweepRun:
         """Do all :attr:`pieces`, whose results the ``store`` keeps, and return these."""
         place, pieces = store or Store(), self.pieces
         place.claim(collect_identity(self.frame), lambda: [piece.name for piece in pieces])
-        return solve_all("simulation" if self.grid.is_one_state else "sweep", pieces, executor, progress, place)
+        return solve_all("simulation" if self.grid.alone else "sweep", pieces, executor, progress, place)
 
     def join(self, found: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of the :attr:`pieces`.
@@ -257,9 +258,9 @@ class SweepRun:
         require_complete(parts, dataset)
         return dataset
 
-    def join_alone(self, analysis: Analysis, found: Sequence[TaskResult] = ()) -> Dataset:
-        """Return the data set of a single state that has been found; see :meth:`join`."""
-        return fill(self.frame, self.grid, self.works, [self.works[0].observe_alone(analysis, found)])
+    def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
+        """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
+        return fill(self.frame, self.grid, self.works, [self.works[0].observe_alone(analysis, records)])
 
 
 def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
