@@ -364,9 +364,8 @@ def test_the_file_names_its_unit(rough, tmp_path):
 @pytest.mark.parametrize("text", ["", "phonon: []\n", "granphon: 3\n", "[", "granphon: {hertz: x}\n", "\0\1"])
 def test_band_files_of_others_are_refused(tmp_path, text):
     (tmp_path / "band.yaml").write_text(text)
-    with pytest.raises(
-        InputError, match=r"not a band\.yaml written by granphon|found the byte 0x00 where text in UTF-8 is needed"
-    ):
+    told = "found the byte 0x00 where text in UTF-8 is needed" if "\0" in text else r"not a band\.yaml written by granphon"
+    with pytest.raises(InputError, match=told):
         gp.Bands.read(tmp_path / "band.yaml")
 
 

@@ -31,7 +31,7 @@ from granphon.base.text import show
 #: the result of a task, or of its first steps; no array holds Python objects
 TaskResult = dict[str, NDArray[Any]]
 #: bytes before the body of an entry: its SHA-256
-HEAD = 32
+_HEAD = 32
 #: the table; entries longer than a piece, in bytes, take several rows, as no value of SQLite may have more than 1 GB
 _TABLE = "CREATE TABLE task (name TEXT, piece INTEGER, entry BLOB, PRIMARY KEY (name, piece))"
 _PIECE = 2**28
@@ -67,7 +67,7 @@ def _seal(name: str, data: bytes) -> bytes:
 
 def decode(entry: bytes) -> TaskResult:
     """Return the result that :func:`encode` has made an entry of."""
-    _, layout, data = entry[HEAD:].split(b"\n", 2)
+    _, layout, data = entry[_HEAD:].split(b"\n", 2)
     part, place = TaskResult(), 0
     for key, kind, shape in json.loads(layout):
         # unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the file
@@ -76,7 +76,7 @@ def decode(entry: bytes) -> TaskResult:
     return part
 
 
-def name_of(body: bytes) -> str:
+def _name_of(body: bytes) -> str:
     """Return the name of the entry that has this body."""
     return body.partition(b"\n")[0].decode("utf-8", "replace")
 
@@ -166,14 +166,14 @@ class Store:
     def _read(self, name: str) -> bytes:
         """Return a sound entry; ValueError if there is none."""
         entry = b"".join(part for (part,) in self._ask("SELECT entry FROM task WHERE name = ? ORDER BY piece", name))
-        if hashlib.sha256(entry[HEAD:]).digest() != entry[:HEAD] or name_of(entry[HEAD:]) != name:
+        if hashlib.sha256(entry[_HEAD:]).digest() != entry[:_HEAD] or _name_of(entry[_HEAD:]) != name:
             raise ValueError
         return entry
 
     def _read_identity(self) -> Any:
         """Return the identity of the work that left results there; None if it cannot be read."""
         with suppress(ValueError, TypeError, RecursionError):
-            return json.loads(self._read(_IDENTITY)[HEAD:].partition(b"\n")[2])
+            return json.loads(self._read(_IDENTITY)[_HEAD:].partition(b"\n")[2])
         return None
 
     def append(self, name: str, entry: bytes) -> None:
