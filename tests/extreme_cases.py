@@ -16,13 +16,13 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from conftest import Twin
 from mpmath import mpf
 
 import granphon as gp
 from granphon.array.sparse import SparseArray
 from granphon.dynamics.local_field import local_field
 from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
+from tests.conftest import Twin
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
 #: eta = 4/3 (nearly), that of steel, 2/3; and no friction

@@ -8,12 +8,12 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from extreme_cases import STEEL, Case, D, coefficient, off
 from mpmath import mpf
 
 import granphon as gp
 from granphon.array.response import elasticity
 from granphon.array.sparse import SparseArray
+from tests.extreme_cases import STEEL, Case, D, coefficient, off
 
 #: P d^(p - 1)/f
 FACTORS = {"chain": 1, "square": 1, "sc": 1, "bcc": mpmath.sqrt(3), "fcc": 2 * mpmath.sqrt(2), "hcp": 2 * mpmath.sqrt(2)}

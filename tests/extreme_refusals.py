@@ -1,4 +1,4 @@
-"""What is refused at the edges, and the page of both: ``python tests/extreme_refusals.py --write`` makes its tables.
+"""What is refused at the edges, and the page of both: ``python -m tests.extreme_refusals --write`` makes its tables.
 
 A :class:`Refusal` holds calls that must end in an error of the package, with nothing else said or returned.
 """
@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from extreme_cases import CASES, STEEL, TAILS, D, K, M, worst
-from extreme_crystals import CRYSTALS
 
 import granphon as gp
 from granphon.base import errors
 from granphon.dynamics.local_field import local_field
+from tests.extreme_cases import CASES, STEEL, TAILS, D, K, M, worst
+from tests.extreme_crystals import CRYSTALS
 
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "extremes.md"
-BEGIN, END = "<!-- table: python tests/extreme_refusals.py --write -->", "<!-- end -->"
+BEGIN, END = "<!-- table: python -m tests.extreme_refusals --write -->", "<!-- end -->"
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """docs/development.md, and what makes a release, kept true.
 
-``python tests/test_development.py`` prints what tests/lowest.txt must hold.
+``python -m tests.test_development`` prints what tests/lowest.txt must hold.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 import yaml
-from test_structure import PACKAGE
 
 import granphon
+from tests.test_structure import PACKAGE
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "development.md"
@@ -44,7 +44,7 @@ def test_every_file_that_is_named_exists(page):
 
 def lowest() -> str:
     """The text of tests/lowest.txt: the least version of everything that is needed at run time and in the tests."""
-    lines = ["# The least versions that pyproject.toml allows: python tests/test_development.py > tests/lowest.txt"]
+    lines = ["# The least versions that pyproject.toml allows: python -m tests.test_development > tests/lowest.txt"]
     for requirement in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"]):
         found = re.fullmatch(r"([\w.-]+)>=([\w.]+)", requirement)
         assert found, f"{requirement!r} is not of the form name>=version"
@@ -53,7 +53,7 @@ def lowest() -> str:
 
 
 def test_the_lowest_versions_are_those_of_the_project():
-    assert read("tests/lowest.txt") == lowest(), "run: python tests/test_development.py > tests/lowest.txt"
+    assert read("tests/lowest.txt") == lowest(), "run: python -m tests.test_development > tests/lowest.txt"
 
 
 def test_the_versions_of_a_release_agree():

@@ -14,8 +14,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from browser import explain_missing, open_browser
-from test_docs import DOCS, ROOT, interface
+
+from tests.page.browser import explain_missing, open_browser
+from tests.test_docs import DOCS, ROOT, interface
 
 #: a build takes some twenty seconds
 pytestmark = [

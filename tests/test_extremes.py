@@ -7,15 +7,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from conftest import only
-from extreme_cases import CASES, STEEL, Case, D, worst
-from extreme_crystals import CRYSTALS
-from extreme_refusals import REFUSALS, Refusal, printed, tables
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import GranphonError
+from tests.conftest import only
+from tests.extreme_cases import CASES, STEEL, Case, D, worst
+from tests.extreme_crystals import CRYSTALS
+from tests.extreme_refusals import REFUSALS, Refusal, printed, tables
 
 EVERY = [*CASES, *CRYSTALS]
 

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import only
-from warm import Warm
 
 import granphon as gp
 from granphon.array import response
 from granphon.array.stencils import Stencils
+from tests.conftest import only
+from tests.warm import Warm
 
 BENCHMARKS = Path(__file__).parent / "benchmarks"
 

@@ -15,10 +15,6 @@ from functools import cache
 import ase.io
 import numpy as np
 import pytest
-from conftest import only
-from test_docs import DOCS, PAGES, ROOT, blocks, links, name_of
-from test_effective import kinds
-from test_required import load
 
 import granphon as gp
 from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
@@ -27,12 +23,16 @@ from granphon.laws.effective import effective_curve
 from granphon.laws.spread import STIFFNESS
 from granphon.media.mean_field import LawMedium
 from granphon.tradeoffs.references import balance
+from tests.conftest import only
+from tests.laws.test_effective import kinds
+from tests.test_docs import DOCS, PAGES, ROOT, blocks, links, name_of
+from tests.test_required import load
 
 PAGE = DOCS / "reference" / "validation.md"
 
 _CLAIM = re.compile(r"<!-- claim: ([a-z0-9-]+) -->")
 _PRODUCER = re.compile(
-    r"`(?:(?P<test>tests/test_\w+\.py)::(?P<name>test_\w+)|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
+    r"`(?:(?P<test>tests/(?:\w+/)?test_\w+\.py)::(?P<name>test_\w+)|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
     r"|(?P<example>examples/\w+\.py)|(?P<blocks>blocks))`"
 )
 
@@ -68,12 +68,12 @@ def rows() -> dict[str, list[Row]]:
 def marked() -> dict[str, set[str]]:
     """Tests that are marked as evidence, by the id of the claim."""
     found: dict[str, set[str]] = {}
-    for path in sorted((ROOT / "tests").glob("test_*.py")):
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             for mark in getattr(node, "decorator_list", ()):
                 if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.claim":
                     for name in map(ast.literal_eval, mark.args):
-                        found.setdefault(name, set()).add(f"tests/{path.name}::{node.name}")
+                        found.setdefault(name, set()).add(f"{path.relative_to(ROOT).as_posix()}::{node.name}")
     return found
 
 

@@ -20,7 +20,7 @@ from granphon.balls.loads import Load
 from granphon.media.choice import MediumChoice
 from granphon.page.page import make_page
 
-sys.path.append(str(Path(__file__).parent.parent))
+sys.path.append(str(Path(__file__).parent.parent / "page"))
 import browser
 
 BALLS = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)

@@ -1,0 +1,318 @@
+"""Arrays near the rigidity threshold: the interior-point method, and preconditioners that know which contacts are open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granphon.array import equilibrium as module
+from granphon.array import linear_response
+from granphon.array.conjugate_gradients import solve_by_conjugate_gradients, solve_by_descent
+from granphon.array.equilibrium import equilibrate
+from granphon.array.interior import centre, split
+from granphon.array.linear_response import find_linear_response
+from granphon.array.preconditioners import Preconditioners, factorise_contacts
+from granphon.array.stencils import Motion, Stencils
+from granphon.array.steps import ReducedLoad
+from granphon.balls.lattices import FCC
+from tests.array.test_equilibrium import balls, by_lstsq, close_forces, newton, residual
+from tests.array.test_stencils import ETA, Explicit
+
+
+def by_newton(x, load, **more):
+    """The equilibrium by Newton's method alone, with Green's function."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_CLOSED_ON_SITES", 0.0)
+        patch.setattr(module, "_MOST_INTERIOR", 0.0)
+        return equilibrate(x, load, **more)
+
+
+# -- the equilibrium ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spacing", [0.45, 0.4, 0.37])
+def test_equilibrium_is_that_of_newtons_method(spacing):
+    x, load = balls((24, 22), 5), ReducedLoad(overlap=spacing - 0.5)
+    found, expected = equilibrate(x, load), by_newton(x, load)
+    close_forces(found.forces, expected.forces, 1e-9)
+    assert residual(found) <= 1.1e-10
+    assert found.stiffness == pytest.approx(expected.stiffness, rel=1e-6)
+
+
+def test_equilibrium_is_that_of_a_matrix():
+    x, load = balls((10, 9), 5), ReducedLoad(overlap=-0.1)
+    close_forces(equilibrate(x, load).forces, newton(x, load, by_lstsq)[0])
+
+
+@pytest.mark.parametrize("force", [1e-2, 1e-3, 1e-4])
+def test_force_and_overlap_given_are_one(force):
+    x = balls((16, 15), 1)
+    by_force = equilibrate(x, ReducedLoad(force=force))
+    assert by_force.force == pytest.approx(force, rel=2e-13)
+    assert residual(by_force) <= 1.1e-10
+    close_forces(equilibrate(x, ReducedLoad(overlap=by_force.overlap)).forces, by_force.forces)
+    # from another load too
+    near = equilibrate(x, ReducedLoad(force=1.3 * force))
+    close_forces(equilibrate(x, ReducedLoad(force=force), start=near).forces, by_force.forces)
+    close_forces(by_newton(x, ReducedLoad(force=force)).forces, by_force.forces)
+
+
+@settings(max_examples=12)
+@given(st.tuples(st.integers(2, 9), st.integers(2, 9)), st.integers(0, 2**32 - 1), st.floats(-4.0, -2.0))
+def test_small_arrays_of_any_balls(shape, seed, decade):
+    x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
+    x -= np.mean(x)
+    load = ReducedLoad(force=10.0**decade)
+    found = equilibrate(x, load)
+    assert found.force == pytest.approx(load.force, rel=2e-13)
+    assert residual(found) <= 1.1e-10
+    close_forces(equilibrate(x, ReducedLoad(overlap=found.overlap)).forces, found.forces)
+    close_forces(by_newton(x, load).forces, found.forces)
+
+
+def test_balls_that_nothing_holds_touch_no_other():
+    # they rest inside their cages: no contact has a trace of force
+    x = balls((32, 32), 2)
+    state = equilibrate(x, ReducedLoad(overlap=-0.13))
+    forces = state.forces / state.force
+    assert np.all((forces == 0.0) | (forces > 1e-6))
+    held = Stencils(x.shape).around((forces > 0.0).astype(float))
+    assert np.mean(held == 0.0) > 0.1
+    # Newton's method leaves some where they touch
+    others = by_newton(x, ReducedLoad(overlap=-0.13)).forces / state.force
+    assert np.any((others > 0.0) & (others < 1e-6))
+
+
+def test_it_takes_far_fewer_iterations():
+    x, load = balls((64, 64)), ReducedLoad(overlap=-0.137)
+    found, expected = equilibrate(x, load), by_newton(x, load)
+    assert 3 * found.conjugate < expected.conjugate
+    assert found.newton < expected.newton
+    close_forces(found.forces, expected.forces)
+
+
+def test_loads_that_nothing_can_bear_are_still_refused():
+    with pytest.raises(module.InputError, match="carries no load"):
+        equilibrate(balls((16, 16)), ReducedLoad(overlap=-0.3))
+
+
+@pytest.mark.parametrize("load", [ReducedLoad(overlap=-0.1), ReducedLoad(force=1e-3)])
+def test_newtons_method_goes_on_from_the_start_where_it_does_not_come_near(load, monkeypatch):
+    x = balls((16, 15), 1)
+    expected = equilibrate(x, load)
+    monkeypatch.setattr("granphon.array.interior._STEPS", 5)
+    found = equilibrate(x, load)
+    assert found.newton > expected.newton
+    close_forces(found.forces, expected.forces)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_least_loads_of_few_balls(seed):
+    # next to the threshold itself, where a contact more or less decides
+    found = equilibrate(balls((5, 5), seed), ReducedLoad(force=1.01e-8))
+    assert found.force == pytest.approx(1.01e-8, rel=2e-13)
+    assert found.residual <= 1e-10
+
+
+@pytest.mark.parametrize("width", [1.0, 1e-8])
+def test_force_and_gap_of_every_overlap(width):
+    h = np.concatenate([-np.logspace(3, -12, 31), [0.0], np.logspace(-12, 3, 31)])
+    f, s = split(h, width)
+    assert np.all((f > 0.0) & (s > 0.0))
+    closed = f ** (2.0 / 3.0)
+    np.testing.assert_allclose(closed * s, width**2, rtol=1e-13)
+    np.testing.assert_allclose(closed - s, h, rtol=0.0, atol=1e-15 * (closed + s).max())
+
+
+def test_products_of_force_and_gap_are_brought_near_each_other():
+    rng = np.random.default_rng(0)
+    f, s = 10.0 ** rng.uniform(-8, 2, (2, 400))
+    mu = 1e-3
+    forces, gaps = centre(f, s, mu)
+    product = forces * gaps
+    assert np.all((product > 0.0999 * mu) & (product < 100.01 * mu))
+    kept = (f * s > 0.1 * mu) & (f * s < 100.0 * mu)
+    np.testing.assert_allclose(forces[kept], f[kept], rtol=1e-14)
+    np.testing.assert_allclose(gaps[kept], s[kept], rtol=1e-14)
+    # the larger of f^(2/3) and s stays: the contact is as closed or as open as before
+    is_open = f ** (2.0 / 3.0) < s
+    np.testing.assert_array_equal(gaps[is_open], s[is_open])
+    np.testing.assert_array_equal(forces[~is_open], f[~is_open])
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_steps_at_low_loads_in_space(seed):
+    # without centring 51 and 58 steps
+    x = np.random.default_rng(seed).uniform(-0.5, 0.5, (12, 12, 12))
+    x -= np.mean(x)
+    state = equilibrate(x, ReducedLoad(force=1e-4), Stencils(x.shape, lattice=FCC))
+    assert state.newton < 45  # 42 or less, as it is rounded
+    assert state.residual <= 1e-10
+
+
+# -- factors of the contacts that are closed ----------------------------------------------------------------------------
+
+
+def dense_inverse(inverse, fields, n):
+    columns = [inverse(one.reshape(n, fields).T.copy()).T.ravel() for one in np.eye(fields * n)]
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_factors_are_the_inverse_of_any_network(dimension):
+    # contacts in no order, in one to three dimensions, with more of them than motions
+    rng = np.random.default_rng(dimension)
+    n, kinds, each = 12, 5, 24
+    i, j = rng.integers(0, n, (kinds, each)), rng.integers(0, n, (kinds, each))
+    j = np.where(i == j, (j + 1) % n, j)
+    i[0, :n], j[0, :n] = np.arange(n), (np.arange(n) + 1) % n
+    head, tail = rng.normal(size=(2, kinds, dimension))
+    stiffness = rng.uniform(0.5, 1.5, (kinds, each))
+    c = np.zeros((kinds, each, n, dimension))
+    for kind in range(kinds):
+        for contact in range(each):
+            c[kind, contact, j[kind, contact]] += head[kind]
+            c[kind, contact, i[kind, contact]] -= tail[kind]
+    c = c.reshape(kinds * each, n * dimension)
+    expected = np.linalg.inv(c.T @ (stiffness.reshape(-1, 1) * c))
+    found = dense_inverse(factorise_contacts(i, j, head, tail, stiffness), dimension, n)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3 * abs(expected).max())
+
+
+@pytest.mark.parametrize("eta", [0.0, ETA])
+def test_factors_are_symmetric_and_positive_where_contacts_are_open(eta):
+    stencils, n = Stencils((6, 5), eta), 30
+    stiffness = np.random.default_rng(1).uniform(0.5, 1.0, (3, 6, 5))
+    stiffness[np.random.default_rng(2).random((3, 6, 5)) < 0.6] = 0.0
+    stiffness[:, 2, 2] = 1e-6  # soft: on the diagonal only
+    inverse = Preconditioners(stencils).choose(stencils.weights(stiffness), hard=True)
+    found = dense_inverse(lambda force: inverse(force.reshape(-1, 6, 5)).reshape(-1, n), stencils.n_fields, n)
+    assert np.min(np.linalg.eigvalsh(found + found.T)) > 0.0
+
+    # seen by the contacts' energy, to which motions that cost nothing do not count
+    def deform(motion):
+        return stencils.deformations(Motion(motion.reshape(n, -1).T.reshape(-1, 6, 5), 0.0)).ravel()
+
+    c = np.array([deform(one) for one in np.eye(found.shape[0])]).T
+    rows = np.sqrt(stencils.weights(stiffness)).reshape(-1, 1) * c
+    energy = rows @ found @ rows.T
+    # rounding of single precision, 6e-8, over the least eigenvalue, 1e-5
+    np.testing.assert_allclose(energy, energy.T, rtol=0.0, atol=6e-3)
+
+
+@pytest.mark.parametrize("eta", [0.0, ETA])
+def test_linear_response_where_half_of_the_contacts_are_open(eta):
+    state = equilibrate(balls((12, 11), 4), ReducedLoad(overlap=-0.12))
+    stencils, normal = Stencils((12, 11), eta), state.stiffnesses
+    assert np.mean(normal > 0.0) < 0.6
+    stiffness = stencils.weights(normal)
+    tensions = [stiffness * a for a in np.random.default_rng(0).normal(size=(2, *stiffness.shape))]
+    found = find_linear_response(stencils, stiffness, tensions, 1e-7)
+    explicit = Explicit((12, 11), eta)
+    c, k = explicit.dense(), stiffness.ravel()
+    matrix, strain = c.T @ (k[:, None] * c), [stencils.deformations(Motion(one, 0.0)) for one in found]
+    for tension, one in zip(tensions, strain, strict=True):
+        expected = c @ np.linalg.lstsq(matrix, c.T @ tension.ravel(), rcond=1e-12)[0]
+        # what contacts without stiffness do is not unique
+        np.testing.assert_allclose((stiffness * one).ravel(), k * expected, rtol=0.0, atol=1e-5 * abs(k * expected).max())
+
+
+@pytest.mark.parametrize("overlap", [0.4, -0.12])
+def test_linear_response_is_the_same_where_single_precision_does_not_serve(monkeypatch, overlap):
+    state = equilibrate(balls((12, 11), 4), ReducedLoad(overlap=overlap))
+    stencils = Stencils((12, 11), ETA)
+    stiffness = stencils.weights(state.stiffnesses)
+    tension = stiffness * np.random.default_rng(0).normal(size=stiffness.shape)
+    found = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
+    monkeypatch.setattr(linear_response, "_STALLED", 0.0)
+    solved = []
+
+    def solve(apply, precondition, right, *arguments):
+        solved.append(right.dtype)
+        return solve_by_descent(apply, precondition, right, *arguments)
+
+    monkeypatch.setattr(linear_response, "solve_by_descent", solve)
+    double = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
+    assert solved == [np.dtype(float)]
+    one, other = (stencils.deformations(Motion(motion, 0.0)) for motion in (found, double))
+    assert np.sum(stiffness * (one - other) ** 2) <= 1e-14 * np.sum(stiffness * one**2)
+
+
+# -- the choice ---------------------------------------------------------------------------------------------------------
+
+
+def opened(shape, fraction, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.where(rng.random((3, *shape)) < fraction, 0.0, rng.uniform(0.5, 1.0, (3, *shape)))
+
+
+def is_factors(preconditioners, stiffness, **more):
+    return preconditioners.choose(stiffness, **more) is preconditioners._factors
+
+
+def test_factors_are_chosen_by_state_and_size(monkeypatch):
+    stencils = Stencils((16, 16))
+    assert is_factors(Preconditioners(stencils), opened((16, 16), 0.5), hard=True)
+    assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.1), hard=True)
+    assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.5))
+    monkeypatch.setattr("granphon.array.preconditioners.MOST_BALLS", (256, 255, 256))
+    assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.5), hard=True)
+
+
+def test_factors_are_made_when_iterations_have_cost_as_much():
+    stencils, stiffness = Stencils((16, 16)), opened((16, 16), 0.5)
+    many = Preconditioners(stencils)
+    many.count(249)
+    assert not is_factors(many, stiffness)
+    many.count(1)
+    assert is_factors(many, stiffness)
+    kept = many.choose(stiffness)
+    many.count(83)  # each costs three: 249
+    assert many.choose(stiffness) is kept
+    many.count(1)
+    assert many.choose(stiffness) is not kept
+
+
+def test_factors_are_made_anew_where_iterations_grow():
+    stencils, stiffness = Stencils((16, 16)), opened((16, 16), 0.5)
+    some = Preconditioners(stencils)
+    kept = some.choose(stiffness, hard=True)
+    some.count(20)  # the first system with them: they cannot be had better
+    some.count(49)
+    assert some.choose(stiffness) is kept
+    some.count(50)
+    new = some.choose(stiffness)
+    assert new is not kept
+    assert some.choose(stiffness) is new
+
+
+def test_factors_are_made_for_each_system_where_stiffnesses_change_much():
+    stencils, stiffness = Stencils((16, 16)), opened((16, 16), 0.5)
+    each = Preconditioners(stencils)
+    kept = each.choose(stiffness, hard=True)
+    each.count(5)
+    each.count(90)
+    new = each.choose(stiffness)
+    assert new is not kept
+    assert each.choose(stiffness) is not new
+
+
+def test_stale_factors_still_serve():
+    # those of a sample under another load, with other contacts closed: more steps than with its own, and fewer than with
+    # Green's function
+    stencils, x = Stencils((24, 24)), balls((24, 24), 3)
+    before, now = (equilibrate(x, ReducedLoad(overlap=y)).stiffnesses for y in (-0.115, -0.12))
+    assert np.any((before > 0.0) != (now > 0.0))
+    preconditioners = Preconditioners(stencils)
+    stale, own = (preconditioners.choose(one, hard=True) for one in (before, now))
+    force = Motion(stencils.forces(now), 0.0)
+    found = [
+        solve_by_conjugate_gradients(stencils, now, force, inverse, 1e-8)
+        for inverse in (own, stale, stencils.preconditioner(now))
+    ]
+    strains, steps = [now * stencils.deformations(one) for one, _ in found], [count for _, count in found]
+    for strain in strains[:2]:
+        np.testing.assert_allclose(strain, strains[2], rtol=0.0, atol=1e-6 * abs(now).max())
+    assert 0 < steps[0] < steps[1] < steps[2]

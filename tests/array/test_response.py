@@ -1,0 +1,207 @@
+"""The elastic constants of samples against dense matrices, nonlinear equilibria of strained cells, and the calculator."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.array import equilibrium
+from granphon.array.equilibrium import equilibrate
+from granphon.array.response import elasticity
+from granphon.array.stencils import Stencils
+from granphon.array.steps import ReducedLoad
+from tests.array.test_equilibrium import at_rest, balls, by_lstsq, differences, moved, newton, symmetries
+from tests.array.test_stencils import ETA, Explicit, every_eta
+
+AREA = math.sqrt(3.0) / 2.0  # of a ball
+#: strains xx, yy, xy of Voigt's order
+STRAINS = [np.array(s) for s in ([[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]])]
+
+
+@functools.cache
+def response(shape, seed, spacing, eta):
+    return elasticity(at_rest(shape, seed, spacing), eta)
+
+
+def dense_tensor(x, stiffness, eta):
+    """The energy of each strain that no motion of balls and rotations takes away, by least squares."""
+    explicit = Explicit(x.shape, eta)
+    roots = np.sqrt(np.concatenate([stiffness.ravel(), eta * stiffness.ravel()][: 1 + (eta > 0.0)]))
+    strained = np.zeros((len(roots), 3))
+    for row, (_, _, normal) in enumerate(explicit.ends):
+        n, t = np.array(normal), np.array([-normal[1], normal[0]])
+        strained[row] = [n @ s @ n for s in STRAINS]
+        if eta:
+            strained[row + len(explicit.ends)] = [t @ s @ n for s in STRAINS]
+    c, strained = roots[:, None] * explicit.dense(), roots[:, None] * strained
+    left = strained - c @ np.linalg.lstsq(c, strained, rcond=1e-12)[0]
+    return left.T @ left / (AREA * x.size)
+
+
+def bulk(tensor):
+    return float(np.sum(tensor[:2, :2])) / 4.0
+
+
+def shear(tensor):
+    """Mean of the two orientations."""
+    return ((tensor[0, 0] + tensor[1, 1] - 2.0 * tensor[0, 1]) / 4.0 + tensor[2, 2]) / 2.0
+
+
+# -- closed forms -------------------------------------------------------------------------------------------------------
+
+
+@every_eta
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (5, 3)], ids=str)
+def test_equal_balls_have_the_moduli_of_equation_17(shape, eta):
+    found = elasticity(equilibrate(np.zeros(shape), ReducedLoad(overlap=0.4)), eta)
+    k = 1.5 * 0.4**0.5
+    lattice = gp.ContactLattice.of("triangular", eta).elastic_tensor()
+    np.testing.assert_allclose(found, k * lattice, rtol=0.0, atol=1e-14)
+    assert bulk(found) == pytest.approx(math.sqrt(3.0) / 2.0 * k, rel=1e-14)
+    assert shear(found) == pytest.approx(math.sqrt(3.0) / 4.0 * (1.0 + eta) * k, rel=1e-14)
+
+
+@pytest.mark.claim("friction-bulk")
+@pytest.mark.parametrize("spacing", [1e6, 1.0, 0.7, 0.5, 0.42])
+def test_bulk_modulus_without_friction_is_the_stiffness(spacing):
+    # P = sqrt(3) f/d under a uniform compression of delta/d, for every sample
+    state = at_rest((24, 24), 0, spacing)
+    assert bulk(response((24, 24), 0, spacing, 0.0)) == pytest.approx(AREA * state.stiffness, rel=1e-10)
+
+
+# -- dense matrices -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("moduli-linear-response")
+@every_eta
+@pytest.mark.parametrize("spacing", [3.0, 1.0, 0.5, 0.42])
+@pytest.mark.parametrize("shape", [(1, 7), (2, 3), (5, 7), (6, 6)], ids=str)
+def test_against_a_dense_matrix(shape, spacing, eta):
+    state, found = at_rest(shape, 1, spacing), response(shape, 1, spacing, eta)
+    expected = dense_tensor(state.deviations, state.stiffnesses, eta)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * expected.max())
+    np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-15 * found.max())
+
+
+@pytest.mark.claim("moduli-linear-response")
+@pytest.mark.parametrize("spacing", [1.0, 0.6])
+def test_against_equilibria_of_strained_cells(spacing):
+    # without friction the linear response is the derivative of the stress along true equilibria
+    shape, step = (5, 4), 1e-5
+    x, found = balls(shape, 2), response(shape, 2, spacing, 0.0)
+    normals = np.array(Explicit.normals)
+    dyads = np.stack([normals[:, 0] ** 2, normals[:, 1] ** 2, normals[:, 0] * normals[:, 1]])
+    for column, strain in enumerate(STRAINS):
+
+        def stress(amount, strain=strain):
+            forces, _ = newton(x, ReducedLoad(overlap=spacing - 0.5), by_lstsq, amount * strain)
+            return -dyads @ np.sum(forces, axis=(1, 2)) / (AREA * x.size)
+
+        np.testing.assert_allclose(found[:, column], differences(stress, 0.0, step), rtol=0.0, atol=1e-6 * found.max())
+
+
+@pytest.mark.parametrize("spacing", [0.6, 0.45, 0.38])
+def test_balls_that_nothing_holds_do_not_count(spacing, monkeypatch):
+    # Newton's method leaves them where they touch by a trace of it: shear springs there would hold them
+    monkeypatch.setattr(equilibrium, "_CLOSED_ON_SITES", 0.0)
+    x, load = balls((14, 13), 3), ReducedLoad(overlap=spacing - 0.5)
+    states = [equilibrate(x, load, tolerance=tolerance) for tolerance in (1e-9, 1e-10, 1e-12)]
+    assert all(np.any((state.forces > 0.0) & (state.stiffnesses == 0.0)) for state in states)
+    first, *others = [elasticity(state, ETA) for state in states]
+    for other in others:
+        np.testing.assert_allclose(other, first, rtol=0.0, atol=1e-7 * first.max())
+
+
+# -- the calculator's contacts, in real space ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
+@pytest.mark.parametrize("spacing", [2.0, 1.0, 0.7])
+def test_against_the_calculators_force_constants(steel, spacing, friction):
+    # so little spread that lever arms, half of each ball's own diameter there, are half the mean here
+    width = 1e-10 * 8e-3
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(width), friction=friction)
+    sample = gp.DirectSimulation(packing, (9, 8)).at_overlap((spacing - 0.5) * width).sample
+    state = gp.ContactState(packing, "ala", packing.law, sample.force, sample.overlap, sample.normal_stiffness)
+    lattice = gp.HertzMindlin(state).contact_lattice(sample.atoms())
+    expected = lattice.elastic_tensor() * state.scales.modulus
+    np.testing.assert_allclose(sample.elastic_tensor, expected, rtol=0.0, atol=1e-6 * expected.max())
+    # k of the contacts is exact; each has it from overlaps, displacements and diameters in fractions of d
+    assert len(lattice.contacts) == np.count_nonzero(sample.contact_forces)
+
+
+def test_the_calculator_finds_the_sample_at_rest(steel):
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6), friction=False)
+    sample = gp.DirectSimulation(packing, (12, 10)).at_overlap(0.2 * 2.04e-6).sample
+    state = gp.ContactState(packing, "ala", packing.law, sample.force, sample.overlap, sample.normal_stiffness)
+    atoms, scales = sample.atoms(), state.scales
+    atoms.calc = gp.HertzMindlin(state)
+    unit = scales.stiffness * scales.length
+    assert np.max(np.abs(atoms.get_forces())) * unit < 1e-9 * sample.force
+    assert atoms.get_potential_energy() * unit * scales.length == pytest.approx(sample.energy * 3 * 120, rel=1e-9)
+    # P = sqrt(3) f / d; a layer one diameter thick
+    stress = atoms.get_stress() * scales.modulus * packing.diameter
+    assert -np.mean(stress[:2]) == pytest.approx(math.sqrt(3.0) * sample.force / packing.diameter, rel=1e-9)
+    # without the displacements there is no rest
+    atoms.positions -= atoms.arrays["displacements"]
+    assert np.max(np.abs(atoms.get_forces())) * unit > 0.1 * sample.force
+
+
+# -- properties ---------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(
+    st.tuples(st.integers(1, 7), st.integers(1, 7)),
+    st.integers(0, 2**32 - 1),
+    st.floats(-2.0, 8.0),
+    st.floats(0.01, 3.0),
+)
+def test_friction_stiffens_and_freedom_softens(shape, seed, decade, eta):
+    state = equilibrate(balls(shape, seed), ReducedLoad(force=10.0**decade))
+    smooth, rough = (elasticity(state, ratio) for ratio in (0.0, eta))
+    top = float(np.max(rough))
+    # rotations and slips cost energy; balls that may not move would be stiffer still (affine strain at the mean stiffness)
+    normals = np.array(Explicit.normals)
+    tangents = normals @ [[0.0, 1.0], [-1.0, 0.0]]
+    affine = np.zeros((3, 3))
+    for n, t, k in zip(normals, tangents, np.mean(state.stiffnesses, axis=(1, 2)), strict=True):
+        along, across = (np.array([a @ s @ n for s in STRAINS]) for a in (n, t))
+        affine += k * (np.outer(along, along) + eta * np.outer(across, across)) / AREA
+    for stiffer, softer in ((rough, smooth), (affine, rough)):
+        assert np.linalg.eigvalsh(stiffer - softer)[0] >= -1e-9 * top
+    assert np.linalg.eigvalsh(smooth)[0] >= -1e-9 * top
+
+
+@every_eta
+def test_bulk_and_mean_shear_modulus_have_the_symmetry_of_the_lattice(eta):
+    x, load = balls((8, 8), 3), ReducedLoad(overlap=0.2)
+    first = elasticity(equilibrate(x, load), eta)
+    tensors = []
+    for matrix in symmetries():
+        other = elasticity(equilibrate(moved(x, matrix, np.array([1, 6])), load), eta)
+        tensors.append(other)
+        for of in (bulk, shear):
+            assert of(other) == pytest.approx(of(first), rel=1e-10)
+    # while the sample itself is not isotropic: its tensor turns with it
+    assert np.ptp([tensor[0, 0] for tensor in tensors]) > 1e-3 * first[0, 0]
+
+
+def test_threads_of_the_fourier_transform_change_no_digit():
+    x = balls((16, 12), 4)
+    one, two = (elasticity(equilibrate(x, ReducedLoad(overlap=0.1), Stencils(x.shape, 0.0, n)), ETA) for n in (1, 2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_high_loads_lose_no_digits():
+    # what disorder takes from the moduli falls as 1/x^2; at 1e6 widths they are the ideal lattice's to 1e-12
+    for eta in (0.0, ETA):
+        found = response((12, 12), 0, 1e6, eta)
+        lattice = gp.ContactLattice.of("triangular", eta).elastic_tensor() * 1.5 * (1e6 - 0.5) ** 0.5
+        np.testing.assert_allclose(found, lattice, rtol=0.0, atol=2e-12 * lattice.max())

@@ -1,0 +1,661 @@
+"""The effective medium's curve against solutions of equation (36) that owe nothing to the package.
+
+F^Q, K^Q and the average over Q are written anew; the equation is integrated by scipy and collocated as a whole, and its
+residual taken at thirty digits. If rho(y) = G(y, f') - f is the residual of a curve f, its error e obeys
+e' = (e + rho)/G_k with dG/dk = G_k > 0: downwards it is forgotten, and |e| is nowhere above the largest |rho| at higher y.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.polynomial import chebyshev
+from scipy.integrate import solve_ivp
+
+import granphon as gp
+from granphon.balls.distributions import NormalShape, PointShape, UniformShape
+from granphon.base.errors import PrecisionError
+from granphon.dynamics.local_field import local_field
+from granphon.laws import collocation
+from granphon.laws.effective import DensityAverages, EffectiveLaw, effective_curve
+from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE
+from granphon.laws.listed import PointAverages
+from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
+from tests.conftest import only
+
+#: without friction, and that of steel
+XI = {eta: local_field(mindlin_ratio=eta).xi for eta in (0.0, 0.84)}
+UNIFORM, NORMAL = UniformShape(), NormalShape(3.0)
+every_xi = pytest.mark.parametrize("xi", XI.values(), ids=["smooth", "rough"])
+
+
+def kinds(diameters, fractions):
+    """The shape of a lot of few kinds of balls, from relative diameters."""
+    sizes = 1.0 + 1e-3 * np.asarray(diameters, float)
+    return gp.Discrete(tuple(sizes), tuple(np.asarray(fractions) / np.sum(fractions))).shape
+
+
+RARE = (0.5, 0.1, 1e-3, 1e-6, 1e-9)
+LOTS = {
+    **{f"{part:g} large": kinds([0.0, 1.0], [1.0 - part, part]) for part in RARE},
+    **{f"{part:g} small": kinds([0.0, 1.0], [part, 1.0 - part]) for part in RARE[1:]},
+    "three": kinds([-1.0, 0.0, 2.0], [0.5, 0.3, 0.2]),
+    **{f"two of {part:g}": kinds([-1.0, 0.0, 0.7], [part, 1.0 - 2.0 * part, part]) for part in (1e-2, 1e-3, 1e-4)},
+    "0.01 near a large": kinds([0.0, 0.7, 1.0], [0.98, 0.01, 0.01]),
+    "ten": kinds(np.random.default_rng(0).normal(size=10), np.ones(10)),
+}
+
+# -- the equation, written anew -----------------------------------------------------------------------------------------
+
+
+def double_exponential(n=97, reach=3.4):
+    """Parts of an interval, and weights: the trapezium rule in t of (1 + tanh(pi/2 sinh t))/2."""
+    t = np.linspace(-reach, reach, n)
+    small = np.exp(-np.pi * np.sinh(t))
+    weight = np.cosh(t) * small / (1.0 + small) ** 2
+    return 1.0 / (1.0 + small), weight / weight.sum()
+
+
+PART, WEIGHT = double_exponential()
+
+
+def uniform_ball(s):
+    """F^Q, K^Q and the slope of K^Q at s = y + x/2, by the printed powers."""
+    upper, lower = np.maximum(s + 0.25, 0.0), np.maximum(s - 0.25, 0.0)
+    return tuple(c * (upper**p - lower**p) for c, p in ((0.8, 2.5), (2.0, 1.5), (3.0, 0.5)))
+
+
+STD = NORMAL.bounds[1] / 3.0
+
+
+def normal_density(x):
+    return np.exp(-0.5 * (x / STD) ** 2) / (STD * math.sqrt(2.0 * math.pi) * math.erf(3.0 / math.sqrt(2.0)))
+
+
+def normal_ball(s):
+    """The same of the normal distribution cut at three std, by quadrature over the other ball."""
+    half = 0.5 * NORMAL.bounds[1]
+    low = np.maximum(s - half, 0.0)[..., None]
+    length = np.maximum(s + half, 0.0)[..., None] - low
+    gap = low + length * PART
+    weight = 2.0 * length * WEIGHT * normal_density(2.0 * (gap - s[..., None]))
+    root = np.sqrt(gap)
+    powers = (gap * root, 1.5 * root, np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0))
+    return tuple(np.sum(weight * p, axis=-1) for p in powers)
+
+
+def density(ball, edge, of_x) -> Callable:
+    """(origin, root) -> weights, F^Q, K^Q and slope for a continuous distribution, at y = origin + root^2."""
+
+    def mixture(origin, root):
+        y = np.asarray(origin + root * root)[..., None]
+        half = 0.5 * edge
+        cuts = [y - half, np.clip(-half, y - half, y + half), np.clip(half, y - half, y + half), y + half]
+        s = np.concatenate([a + (b - a) * PART for a, b in itertools.pairwise(cuts)], axis=-1)
+        weights = np.concatenate([(b - a) * WEIGHT for a, b in itertools.pairwise(cuts)], axis=-1)
+        return weights * 2.0 * of_x(2.0 * (s - y)), *ball(s)
+
+    return mixture
+
+
+def listed(shape) -> Callable:
+    """The same for listed diameters; a contact is open or closed by the interval, not by rounding."""
+    x, weights = np.array(shape.positions), np.array(shape.weights)
+    opening = -0.5 * (x[:, None] + x)
+
+    def mixture(origin, root):
+        rise = np.where(np.abs(origin - opening) < 1e-11, 0.0, origin - opening)
+        gap = np.where(opening < origin + 1e-11, rise + root * root, 0.0)
+        side = np.sqrt(gap)
+        slope = np.divide(0.75, side, out=np.zeros_like(side), where=side > 0.0)
+        return weights, (gap * side) @ weights, 1.5 * side @ weights, slope @ weights
+
+    return mixture
+
+
+def balance(weights, force, stiffness, slope, k, xi):
+    """G, dG/dy and dG/dk: (36) solved for f."""
+    k = np.asarray(k)[..., None]
+    part = weights / (stiffness + xi * k)
+    total = np.sum(part, axis=-1)
+    f = np.sum(part * force, axis=-1) / total
+    bent = part / (stiffness + xi * k) * (force - f[..., None])
+    by_y = (np.sum(part * stiffness, axis=-1) - np.sum(bent * slope, axis=-1)) / total
+    return f, by_y, -xi * np.sum(bent, axis=-1) / total
+
+
+def mixture_of(shape):
+    if shape == UNIFORM:
+        return density(uniform_ball, 0.5, np.ones_like)
+    return density(normal_ball, NORMAL.bounds[1], normal_density) if shape == NORMAL else listed(shape)
+
+
+def integrated(shape, xi, top, rtol, least=1e-4, disturbed=1.0):
+    """y, f and k by scipy's Radau method in u = (y - opening)^(1/2), from ``top`` down to f* = ``least``."""
+    mixture, r = mixture_of(shape), xi / (1.0 + xi)
+    k = disturbed * 1.5 * math.sqrt(top) * (1.0 - r / (192.0 * top * top))
+    rows: list[tuple[float, float, float]] = []
+    for origin, end in reversed(list(itertools.pairwise([*shape.openings.tolist(), top]))):
+
+        def state(u, k, origin=origin):
+            return balance(*mixture(origin, np.asarray(u)), k[0], xi)
+
+        def slope(u, k, state=state):
+            _, by_y, by_k = state(u, k)
+            return [2.0 * u * (k[0] - by_y) / by_k]
+
+        def least_force(u, k, state=state):
+            return math.log(max(state(u, k)[0], 1e-300) / least)
+
+        least_force.terminal = True  # type: ignore[attr-defined]
+        last = origin == shape.openings[0]
+        span = (math.sqrt(end - origin), 1e-9 * math.sqrt(end - origin) if last else 0.0)
+        out = solve_ivp(slope, span, [k], method="Radau", rtol=rtol, atol=1e-16, events=least_force)
+        rows += [(origin + u * u, float(state(u, [value])[0]), value) for u, value in zip(out.t, out.y[0], strict=True)]
+        k = float(out.y[0, -1])
+        if out.status == 1:
+            break
+    return np.array(rows).T
+
+
+def evaluated(curve, y):
+    """f and k of the package's curve at y, by the series beyond its start."""
+    law = EffectiveLaw(1.0, 1.0, curve.shape, curve.xi)
+    return law.force(y), law.stiffness(y)
+
+
+# -- independent solutions ----------------------------------------------------------------------------------------------
+
+
+@every_xi
+@pytest.mark.parametrize(
+    ("shape", "rtol"),
+    [pytest.param(UNIFORM, 1e-11, id="uniform"), pytest.param(NORMAL, 1e-9, id="normal", marks=pytest.mark.exhaustive)],
+)
+def test_against_scipys_radau(shape, rtol, xi):
+    y, f, k = integrated(shape, xi, 4.0 * effective_curve(shape, xi).far.start, rtol)
+    assert f[-1] == pytest.approx(1e-4, rel=1e-6)
+    keep = y < 2.0 * effective_curve(shape, xi).far.start  # below the error of the reference's own start
+    force, stiffness = evaluated(effective_curve(shape, xi), y[keep])
+    np.testing.assert_allclose(force, f[keep], rtol=10.0 * rtol)
+    np.testing.assert_allclose(stiffness, k[keep], rtol=10.0 * rtol)
+
+
+def collocated(shape, xi, low, top, n=90):
+    """SceneSource, ends in u and Chebyshev coefficients of f in u on each interval between openings, from f - G(y, f') = 0.
+
+    At the upper end of the first the equation itself is imposed, which selects the solution without a fast part.
+    """
+    mixture, pieces = mixture_of(shape), []
+    upper = None
+    for origin, end in reversed(list(itertools.pairwise([*shape.openings.tolist(), top]))):
+        ends = math.sqrt(max(low - origin, 0.0)), math.sqrt(end - origin)
+        t = np.concatenate([chebyshev.chebpts1(n - 1), [1.0]])
+        u = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * t
+        value = chebyshev.chebvander(t, n - 1)
+        rate = np.stack([chebyshev.chebval(t, chebyshev.chebder(row)) for row in np.eye(n)], axis=-1)
+        rate *= (2.0 / (ends[1] - ends[0]) / (2.0 * u))[:, None]  # d/dy
+        balls = mixture(origin, u)
+        guess = 0.9 * np.asarray(shape.force(origin + u * u))
+        c = np.linalg.solve(value, guess)
+        for _ in range(40):
+            k = np.maximum(rate @ c, 1e-3 * np.max(rate @ c))
+            f, _, by_k = balance(*balls, k, xi)
+            matrix, miss = value - by_k[:, None] * rate, f + by_k * (rate @ c - k) - value @ c
+            if upper is not None:
+                matrix[-1], miss[-1] = value[-1], upper - value[-1] @ c
+            change = np.linalg.solve(matrix, miss)
+            c = c + change
+            if np.max(np.abs(change)) < 1e-15 * np.max(np.abs(c)):
+                break
+        pieces.append((origin, ends, c))
+        upper = float(chebyshev.chebval(-1.0, c))
+        if low > origin:
+            break
+    return pieces
+
+
+@pytest.mark.claim("medium-1e-8", "api-medium")
+@every_xi
+@pytest.mark.parametrize("shape", [UNIFORM, NORMAL], ids=["uniform", "normal"])
+def test_against_global_collocation(shape, xi):
+    curve = effective_curve(shape, xi)
+    low = float(curve.overlap(np.array([1e-4]))[0])
+    for origin, ends, c in collocated(shape, xi, low, curve.far.start):
+        t = np.linspace(-0.999, 0.999, 101)
+        u = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * t
+        k = chebyshev.chebval(t, chebyshev.chebder(c)) / (ends[1] - ends[0]) / u
+        force, stiffness = evaluated(curve, origin + u * u)
+        np.testing.assert_allclose(chebyshev.chebval(t, c), force, rtol=1e-9)
+        # differentiation amplifies the rounding of f at the ends of the interval
+        np.testing.assert_allclose(k, stiffness, rtol=1e-8)
+
+
+def exact_ball(s):
+    """F^Q and K^Q of the uniform distribution in the present precision of mpmath."""
+    upper, lower = (mpmath.sqrt(max(s + side, mpmath.mpf(0))) for side in (mpmath.mpf(1) / 4, -mpmath.mpf(1) / 4))
+    return 4 * (upper**5 - lower**5) / 5, 2 * (upper**3 - lower**3)
+
+
+def exact_normal_ball(s):
+    """The same of the normal distribution cut at three std."""
+    std, half = mpmath.mpf(STD), mpmath.mpf(NORMAL.bounds[1]) / 2
+    kept = std * mpmath.sqrt(2 * mpmath.pi) * mpmath.erf(3 / mpmath.sqrt(2))
+    low, high = (mpmath.sqrt(max(s + side, mpmath.mpf(0))) for side in (-half, half))
+
+    def average(n):
+        cuts = [low, (low + high) / 2, high]
+        return mpmath.quad(lambda u: 4 * u**n * mpmath.exp(-2 * ((u * u - s) / std) ** 2) / kept, cuts)
+
+    return average(4), mpmath.mpf(3) / 2 * average(2)
+
+
+@pytest.mark.claim("medium-1e-8")
+@pytest.mark.parametrize(
+    ("shape", "ball", "places", "digits", "room"),
+    [
+        (UNIFORM, exact_ball, [-0.2, -0.05, 1e-6, 0.1, 0.3, 0.499, 0.501, 0.8, 2.0, 5.9], 30, 3e-13),
+        pytest.param(NORMAL, exact_normal_ball, [-0.3, 0.2], 16, 1e-12, marks=pytest.mark.exhaustive),
+    ],
+    ids=["uniform", "normal"],
+)
+def test_residual_at_thirty_digits(shape, ball, places, digits, room):
+    xi = XI[0.84]
+    with mpmath.workdps(digits):
+        for y in places:
+            f, k = (mpmath.mpf(float(v)) for v in evaluated(effective_curve(shape, xi), y))
+            half = mpmath.mpf(shape.bounds[1]) / 2
+            cuts = sorted({mpmath.mpf(y) - half, mpmath.mpf(y) + half, *(c for c in (-half, half) if abs(c - y) < half)})
+
+            def moved(s, f=f, k=k, y=y):
+                force, stiffness = ball(s)
+                std = mpmath.mpf(STD)
+                weight = 1 if shape == UNIFORM else mpmath.exp(-2 * ((s - mpmath.mpf(y)) / std) ** 2)
+                part = weight / (stiffness + mpmath.mpf(xi) * k)
+                return part * (force - f) + 1j * part
+
+            both = mpmath.quad(moved, cuts, maxdegree=6 if shape == NORMAL else 8)
+            assert abs(both.real / both.imag / f) < room
+
+
+def test_stiffness_is_the_exact_derivative_on_every_step():
+    for shape in (UNIFORM, NORMAL, LOTS["three"]):
+        curve = effective_curve(shape, XI[0.0])
+        for step, (_, middle, half) in enumerate(curve.places.T):
+            rise = np.array([2.0 * half * middle, 2.0 * half**2])
+            for above, below in ((FORCE, ENERGY), (STIFFNESS, FORCE)):
+                exact = chebyshev.chebmul(curve.tables[above][:, step], rise)
+                found = chebyshev.chebder(curve.tables[below][:, step])
+                np.testing.assert_allclose(found, exact, rtol=0.0, atol=2e-14 * np.max(np.abs(exact)))
+
+
+@every_xi
+@pytest.mark.parametrize("shape", [UNIFORM, NORMAL], ids=["uniform", "normal"])
+def test_no_seam_between_steps(shape, xi):
+    curve = effective_curve(shape, xi)
+    for order, room in ((FORCE, 1e-14), (STIFFNESS, 1e-14), (ENERGY, 1e-12)):
+        lower, upper = curve.ends(order)
+        np.testing.assert_allclose(lower[1:], upper[:-1], rtol=room)
+    origin, middle, half = curve.places
+    seams = (origin + (middle - half) ** 2)[1:]
+    inside = seams[middle[1:] > half[1:]]  # on the far side of an opening the slope is a limit
+    slopes = [curve.value(inside + side, SLOPE) for side in (0.0, 1e-13)]
+    np.testing.assert_allclose(*slopes, rtol=1e-8)
+    top = np.array([curve.far.start])
+    for order, room in ((FORCE, 1e-15), (STIFFNESS, 2e-15), (SLOPE, 1e-10)):
+        assert curve.value(top, order)[0] == pytest.approx(curve.far.value(curve.far.start, order), rel=room)
+
+
+# -- convergence --------------------------------------------------------------------------------------------------------
+
+
+def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
+    points = isinstance(shape, PointShape)
+    averages = PointAverages(shape, XI[0.0]) if points else DensityAverages(shape, XI[0.0], order)
+    return collocation.solve_curve(shape, XI[0.0], averages, stages, tolerance, most)
+
+
+@pytest.mark.parametrize("shape", [UNIFORM, NORMAL, LOTS["0.5 large"]], ids=["uniform", "normal", "two kinds"])
+@pytest.mark.parametrize(("stages", "length"), [(2, 0.05), (3, 0.05), (4, 0.1)])
+def test_order_at_the_ends_of_steps_is_2s_minus_1(shape, stages, length):
+    # at an opening, the end of a step: lengths are halved, and no other tolerance acts. The equation is stiff at high
+    # pressure only, where the solution is so smooth that no order is lost
+    place = np.array([-0.5 * sum(shape.bounds)])
+    exact = solved(shape, 20, 64, 1e-13).value(place, STIFFNESS)
+    coarse, fine = (solved(shape, stages, 32, np.inf, most).value(place, STIFFNESS) for most in (length, 0.5 * length))
+    order = float(np.log2(np.abs(coarse / exact - 1.0) / np.abs(fine / exact - 1.0))[0])
+    assert abs(order - (2 * stages - 1)) < 0.8
+
+
+@pytest.mark.parametrize("shape", [UNIFORM, NORMAL], ids=["uniform", "normal"])
+def test_convergence_in_the_nodes_is_exponential(shape):
+    place = np.array([-0.2])
+    exact = solved(shape, order=64).value(place, FORCE)
+    orders = np.array([8, 10, 12, 14])
+    errors = np.array([np.max(np.abs(solved(shape, order=int(n)).value(place, FORCE) / exact - 1.0)) for n in orders])
+    assert np.polyfit(orders, np.log10(errors), 1)[0] < -0.4  # decimal digits per node
+    np.testing.assert_allclose(solved(shape, order=32).value(place, FORCE), exact, rtol=1e-13)
+
+
+@pytest.mark.claim("medium-1e-8")
+@pytest.mark.parametrize("shape", [UNIFORM, NORMAL, LOTS["ten"]], ids=["uniform", "normal", "ten"])
+def test_more_stages_shorter_steps_and_more_nodes_change_nothing(shape):
+    curve, finer = effective_curve(shape, XI[0.0]), solved(shape, 24, 64, 1e-13, 0.1)
+    y = finer.overlap(np.geomspace(1e-4, 0.99 * curve.far.value(curve.far.start, FORCE), 301))
+    np.testing.assert_allclose(curve.value(y, FORCE), finer.value(y, FORCE), rtol=1e-10)
+    np.testing.assert_allclose(curve.value(y, STIFFNESS), finer.value(y, STIFFNESS), rtol=1e-8)
+
+
+# -- stability ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("iteration-diverges")
+def test_plain_iteration_amplifies_noise():
+    # f <- F_ave + F(f') = G(y, f'), as below (40): a wave of small amplitude is multiplied by i q dG/dk each round
+    xi, mixture = XI[0.0], mixture_of(UNIFORM)
+    spacing = 1e-3
+    y = 0.2 + spacing * np.arange(257)
+    f, k = evaluated(effective_curve(UNIFORM, xi), y)
+    balls = mixture(0.0, np.sqrt(y))
+    _, _, by_k = balance(*balls, k, xi)
+    assert np.all(by_k > 0.0)
+
+    def grown(wavenumber, rounds):
+        """Amplitudes in the middle of the grid, where its ends are not felt yet."""
+        wave = 1e-9 * np.sin(wavenumber * y)
+        out = [1e-9]
+        for _ in range(rounds):
+            slope = (wave[2:] - wave[:-2]) / (2.0 * spacing)
+            wave = np.pad(balance(*balls, k + np.pad(slope, 1), xi)[0] - f, 0)
+            out.append(float(np.max(np.abs(wave[100:157]))))
+        return np.array(out[1:]) / np.array(out[:-1])
+
+    middle = float(np.abs(by_k[128]))
+    waves = np.array([150.0, 400.0, 1200.0])
+    for q in waves:
+        # what a centred difference makes of the wavenumber
+        expected = middle * np.sin(q * spacing) / spacing
+        np.testing.assert_allclose(grown(q, 3), expected, rtol=0.3)
+    # noise on the grid has waves of all lengths down to two spacings: the finer the grid, the faster it grows
+    assert middle * waves[-1] > 5.0
+    assert np.all(grown(1200.0, 3) > 5.0)
+    # the other way a disturbed start is forgotten: half as much again at y = 6 leaves nothing at y = 5
+    for disturbed in (0.5, 1.5):
+        z, force, stiffness = integrated(UNIFORM, xi, 6.0, 1e-10, least=1.0, disturbed=disturbed)
+        exact = evaluated(effective_curve(UNIFORM, xi), z[z < 5.0])
+        np.testing.assert_allclose(force[z < 5.0], exact[0], rtol=1e-9)
+        np.testing.assert_allclose(stiffness[z < 5.0], exact[1], rtol=1e-8)
+
+
+# -- listed diameters ---------------------------------------------------------------------------------------------------
+
+
+def assert_agrees(curve, y, f, k):
+    """With a reference: to 1e-8, below the error of its start."""
+    force, stiffness = evaluated(curve, y)
+    keep = y < curve.far.start
+    np.testing.assert_allclose(force[keep], f[keep], rtol=1e-8)
+    # k is known no better than y, in doubles of the size of the openings, allows; above one it rises as a root
+    size = np.max(np.abs(curve.shape.openings))
+    above = np.where(y[:, None] >= curve.shape.openings, y[:, None] - curve.shape.openings, np.inf)
+    keep &= np.min(above, axis=-1) > 1e-6 * size
+    slope = EffectiveLaw(1.0, 1.0, curve.shape, curve.xi).stiffness_slope(y)
+    room = 1e-8 * k + 16.0 * np.finfo(float).eps * size * np.abs(slope)
+    assert np.all((np.abs(stiffness - k) < room)[keep])
+
+
+@pytest.mark.parametrize("name", only(["0.1 large", "1e-06 small", "three", "two of 0.001", "0.01 near a large"], LOTS))
+def test_lots_against_scipys_radau_split_at_the_openings(name):
+    curve = effective_curve(LOTS[name], XI[0.0])
+    y, f, k = integrated(curve.shape, curve.xi, 2.0 * curve.far.start, 1e-9)
+    assert f[-1] == pytest.approx(1e-4, rel=1e-5)
+    assert curve.least_force == LEAST_SOLVED_FORCE
+    assert_agrees(curve, y, f, k)
+
+
+@pytest.mark.claim("api-medium")
+@given(
+    data=st.lists(st.tuples(st.integers(-99, 99), st.floats(-6.0, 0.0)), min_size=2, max_size=5, unique_by=lambda x: x[0]),
+    xi=st.floats(0.2, 8.0),
+)
+@settings(max_examples=25, deadline=None)
+def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
+    shape = kinds([0.01 * d for d, _ in data], [10.0**c for _, c in data])
+    curve = effective_curve(shape, xi)
+    mixture = listed(shape)
+
+    def state(y, k):
+        origin = max(o for o in shape.openings if o <= y)
+        return balance(*mixture(origin, np.sqrt(y - origin)), k, xi)
+
+    if curve.least_force > LEAST_SOLVED_FORCE:  # only where the equation itself has no more: k' > 0 at k = 0
+        assert curve.stiffness_vanishes
+        assert curve.least_force < VALID_FORCE
+        _, by_y, by_k = state(curve.start, 0.0)
+        assert by_y < 0.0 < by_k
+    for y in curve.overlap(np.geomspace(curve.least_force * 1.01, 0.99 * curve.far.value(curve.far.start, FORCE), 25)):
+        f, _, by_k = state(y, curve.value(np.array([y]), STIFFNESS)[0])
+        assert by_k > 0.0
+        if f > 1e-4:
+            assert curve.value(np.array([y]), FORCE)[0] == pytest.approx(f, rel=1e-8)
+
+
+def lot(n, seed, kind):
+    """The shape of a random lot of n balls."""
+    rng = np.random.default_rng(seed)
+    off = {"flat": rng.uniform(-1.0, 1.0, n), "normal": rng.normal(size=n), "skewed": rng.exponential(size=n)}[kind]
+    return gp.Measured(tuple(8e-3 + 1e-6 * off)).shape
+
+
+def test_the_medium_takes_every_diameter_of_a_lot(steel):
+    sizes = 8e-3 + 1e-6 * np.random.default_rng(2).normal(size=66)
+    law = gp.EffectiveMedium(gp.Packing(steel, float(np.mean(sizes)), spread=gp.Measured(tuple(sizes)))).law
+    assert len(law.shape.positions) == 66
+    assert law.curve.places.shape[1] >= 66 * 67 // 2
+
+
+def bounds(curve, points=5):
+    """f and bounds of the relative errors of f and k from f* = 1e-4 on, from the residual rho alone.
+
+    (e + rho)/G_k is the error of k, and e is forgotten downwards as the head of this file says.
+    """
+    t = np.linspace(-0.98, 0.98, points)
+    origin, middle, half = (values[::-1, None] for values in curve.places)
+    root = (middle + half * t[::-1]).ravel()
+    origin = np.repeat(origin, points)
+    y = origin + root * root
+    f, k = curve.value(y, FORCE), curve.value(y, STIFFNESS)
+    mixture = listed(curve.shape)
+    rho, by_k = np.empty(y.size), np.empty(y.size)
+    for i, (o, u) in enumerate(zip(origin, root, strict=True)):
+        exact, _, by_k[i] = balance(*mixture(o, u), k[i], curve.xi)
+        rho[i] = abs(exact - f[i])
+    assert np.all(by_k > 0.0)
+    rest, errors = rho[0], []
+    for worst, part in zip(rho, np.exp(-np.abs(np.diff(y, prepend=y[0])) / by_k), strict=True):
+        rest = part * rest + (1.0 - part) * worst
+        errors.append(max(rest, worst))
+    keep = f > 1e-4
+    return tuple((values / size)[keep] for values, size in ((np.array(errors), f), ((np.array(errors) + rho) / by_k, k)))
+
+
+@pytest.mark.claim("api-medium")
+@pytest.mark.parametrize(
+    "shape",
+    [lot(66, 2, "normal"), pytest.param(lot(100, 2, "skewed"), marks=pytest.mark.exhaustive)],
+    ids=["66", "100"],
+)
+def test_residuals_bound_the_errors_of_lots(shape):
+    curve = effective_curve(shape, XI[0.0])
+    assert curve.least_force == LEAST_SOLVED_FORCE
+    force, stiffness = bounds(curve)
+    assert np.max(force) < 1e-10
+    assert np.max(stiffness) < 1e-8
+
+
+@pytest.mark.parametrize(
+    "name",
+    only(["skewed 66"], [*(f"{kind} {n}" for kind in ("flat", "normal", "skewed") for n in (66, 100)), "flat 128"]),
+)
+def test_long_lots_with_more_stages_and_half_the_steps(name):
+    kind, n = name.split()
+    shape = lot(int(n), 5, kind)
+    curve, finer = effective_curve(shape, XI[0.0]), solved(shape, 16, tolerance=1e-13, most=0.01)
+    assert curve.least_force == LEAST_SOLVED_FORCE
+    y = finer.overlap(np.geomspace(1e-4, 0.99 * curve.far.value(curve.far.start, FORCE), 5001))
+    np.testing.assert_allclose(curve.value(y, FORCE), finer.value(y, FORCE), rtol=1e-11)
+    np.testing.assert_allclose(curve.value(y, STIFFNESS), finer.value(y, STIFFNESS), rtol=1e-9)
+
+
+@pytest.mark.parametrize("first", [-1, 1200, 60])
+def test_sums_over_near_and_far_contacts_at_thirty_digits(first):
+    # the last of these openings, all contacts closed; in the midst of the others; few contacts closed
+    shape, rule = lot(50, 7, "normal"), collocation.radau(4)
+    ends = [*shape.openings, 20.0]
+    steps = [(ends[i], 0.25 * (ends[i + 1] - ends[i]) ** 0.5, (ends[i + 1] - ends[i]) ** 0.5) for i in range(len(ends) - 1)]
+    block = collocation.Block.of(steps[first : first - 9 if first > 0 else None : -1], rule)
+    averages = PointAverages(shape, 1.0)
+    balls = averages.balls(block)
+    with mpmath.workdps(30):
+        x, w = ([mpmath.mpf(v) for v in values] for values in (shape.positions, shape.weights))
+
+        def powers(ball, root, origin):
+            gaps = [mpmath.mpf(origin) + mpmath.mpf(root) ** 2 + (x[ball] + other) / 2 for other in x]
+            closed = [mpmath.mpf(origin) + (x[ball] + other) / 2 >= 0 for other in x]
+            root_sums = [sum(v * g**p for v, g, c in zip(w, gaps, closed, strict=True) if c) for p in (0.5, 1.5)]
+            return 1.5 * root_sums[0], root_sums[1]
+
+        for step, ball in itertools.product((0, len(block.root) - 1), (0, 20, 49)):
+            origin, low, high = block.origin[step, 0], block.middle[step, 0], block.half[step, 0]
+            ends_of = [powers(ball, mpmath.mpf(low) + mpmath.mpf(high) * mpmath.mpf(t), origin) for t in (*rule.points, 1.0)]
+            top = ends_of[-1]
+            for i, (stiffness, force) in enumerate(ends_of[:-1]):
+                assert balls.stiffness[ball, step, i] == pytest.approx(float(stiffness), rel=1e-14)
+                assert balls.change[ball, step, i] == pytest.approx(float(stiffness - top[0]), rel=1e-12)
+                assert balls.work[ball, step, i] == pytest.approx(float(force - top[1]), rel=1e-12)
+            assert balls.top[ball, step] == pytest.approx(float(top[1]), rel=1e-14)
+
+
+#: two rare kinds, the second near the middle of the first and the rest
+FLAT = kinds([0.0, 0.7, 1.0], [0.998, 1e-3, 1e-3])
+
+
+@pytest.mark.claim("rare-kinds-end")
+def test_where_rare_kinds_open_the_stiffness_may_fall_to_zero():
+    # k' = (k - G_y)/G_k: at the end of the curve G_y < 0 at k = 0, so that k passes through zero, with a force left
+    xi, curve = XI[0.0], effective_curve(FLAT, XI[0.0])
+    assert curve.stiffness_vanishes
+    assert 1e-3 < curve.least_force < 2e-3
+    with mpmath.workdps(30):
+        x, w = ([mpmath.mpf(v) for v in values] for values in (FLAT.positions, FLAT.weights))
+
+        def mean(y, k):
+            rows = [[max(y + (a + b) / 2, mpmath.mpf(0)) for b in x] for a in x]
+            force, stiffness = (
+                [c * sum(v * gap**p for v, gap in zip(w, row, strict=True)) for row in rows]
+                for c, p in ((1, 1.5), (1.5, 0.5))
+            )
+            part = [v / (one + mpmath.mpf(xi) * k) for v, one in zip(w, stiffness, strict=True)]
+            return sum(p * f for p, f in zip(part, force, strict=True)) / sum(part)
+
+        y = mpmath.mpf(curve.start)
+        assert float(mean(y, mpmath.mpf(0))) == pytest.approx(curve.least_force, rel=1e-9)
+        assert mpmath.diff(lambda v: mean(v, mpmath.mpf(0)), y, h=1e-12) < -1e-4
+        assert mpmath.diff(lambda v: mean(y, v), mpmath.mpf(0), h=1e-12, direction=1) > 1e-4
+    # and a curve that ends so agrees with scipy's down to there
+    assert_agrees(curve, *integrated(FLAT, xi, 2.0 * curve.far.start, 1e-9, least=1.02 * curve.least_force))
+    with pytest.raises(PrecisionError, match="The stiffness is zero there"):
+        EffectiveLaw(1.0, 1.0, FLAT, xi).overlap(1e-3)
+
+
+def test_loads_one_by_one_and_all_at_once_are_the_same(monkeypatch):
+    # many loads are sorted by step, few bring the coefficients of each
+    for shape in (UNIFORM, LOTS["ten"]):
+        curve = effective_curve(shape, XI[0.0])
+        force = np.random.default_rng(3).permutation(np.geomspace(1e-5, 10.0, 40_000))
+        y = curve.overlap(force)
+        few = np.concatenate([curve.overlap(part) for part in np.split(force, 200)])
+        np.testing.assert_allclose(few, y, rtol=1e-13, atol=1e-15)
+        for order in (ENERGY, FORCE, STIFFNESS, SLOPE):
+            parts = np.concatenate([curve.value(part, order) for part in np.split(y, 200)])
+            np.testing.assert_allclose(parts, curve.value(y, order), rtol=1e-13)
+        np.testing.assert_allclose(curve.value(y, FORCE), force, rtol=2e-15 * len(curve.tables[FORCE]))
+
+
+def test_many_equal_kinds_become_the_uniform_distribution():
+    y = np.array([0.1, 0.3, 1.0, 3.0])
+    exact = effective_curve(UNIFORM, XI[0.0]).value(y, FORCE)
+    errors = []
+    for n in (4, 8, 16, 32):
+        shape = kinds(np.arange(n), np.ones(n))
+        errors.append(np.max(np.abs(effective_curve(shape, XI[0.0]).value(y, FORCE) / exact - 1.0)))
+    # second order on the whole: where the kinks lie makes single ratios uneven
+    assert np.log2(errors[0] / errors[-1]) / 3.0 == pytest.approx(2.0, abs=0.5)
+
+
+# -- what is kept, and where the curve ends ----------------------------------------------------------------------------
+
+
+def test_one_curve_serves_every_packing_of_a_shape_and_friction(steel):
+    effective_curve.cache_clear()
+    glass = gp.Material(7e10, steel.poisson_ratio, 2500.0)
+    for material, diameter, width in ((steel, 8e-3, 2e-6), (glass, 1e-3, 1e-9), (steel, 1.0, 1e-2)):
+        medium = gp.EffectiveMedium(gp.Packing(material, diameter, spread=gp.Uniform(width)))
+        unit = medium.packing.law.coefficient * math.sqrt(width) ** 3
+        state = medium.at_force(unit * np.array([0.1, 1.0, 10.0]))
+        np.testing.assert_allclose(state.reduced_spacing, [0.67, 1.5, 5.1], atol=0.1)
+    assert effective_curve.cache_info().misses == 1
+    gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=False)).at_force(1.0)
+    assert effective_curve.cache_info().misses == 2
+
+
+def test_a_sample_of_the_same_shape_in_another_size_shares_the_curve():
+    small, large = (gp.Discrete(tuple(c * np.array([7.998, 8.0, 8.004])), (0.5, 0.3, 0.2)) for c in (1e-3, 1.0))
+    assert small.shape == large.shape
+    assert effective_curve(small.shape, 2.0) is effective_curve(large.shape, 2.0)
+
+
+@pytest.mark.claim("curve-ends")
+def test_below_the_start_of_the_curve_there_is_an_error():
+    law = EffectiveLaw(1.0, 1.0, UNIFORM, XI[0.0])
+    start = law.curve.start
+    assert law.force(start * (1.0 - 1e-12)) == pytest.approx(LEAST_SOLVED_FORCE, rel=1e-9)
+    for values in (start - 1e-6, [0.3, start - 1e-6], -0.499):
+        with pytest.raises(PrecisionError, match="1e-06"):
+            law.force(values)
+    with pytest.raises(PrecisionError, match=r"valid from f\* = 0\.08"):
+        law.overlap([1.0, 0.99e-6])
+
+
+def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
+    # steps that cannot be solved: below the limit of validity the curve ends there, above it there is none
+    whole = collocation._relax
+
+    def until(least):
+        def step(*given):
+            out = whole(*given)
+            return None if out is None or out[1][-1] < least else out
+
+        return step
+
+    monkeypatch.setattr(collocation, "_relax", until(1e-2))
+    for shape in (UNIFORM, LOTS["three"]):
+        curve = solved(shape)
+        assert 1e-2 <= curve.least_force < 1.01e-2
+        assert not curve.stiffness_vanishes
+        assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(curve.least_force, rel=1e-12)
+    monkeypatch.setattr(collocation, "_relax", until(1.0))
+    with pytest.raises(PrecisionError, match="does not converge"):
+        solved(UNIFORM)
+
+
+def test_points_are_a_shape_like_any_other():
+    shape = PointShape((-0.25, 0.25), (0.5, 0.5))
+    assert effective_curve(shape, 1.0).shape == shape

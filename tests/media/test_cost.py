@@ -1,0 +1,338 @@
+"""The estimate of a simulation's memory and time."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.balls.loads import Load
+from granphon.media import cost
+from granphon.media.cost import estimate
+from granphon.media.history_cost import count_iterations, count_steps
+from granphon.media.typical_arrays import estimate_reduced_force
+from tests.conftest import only
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+WIDTH = 2.04e-6
+
+
+def simulation(shape=(64, 64), friction=True, samples=1):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=friction)
+    return gp.DirectSimulation(packing, shape, samples=samples, geometry="lattice")
+
+
+@pytest.mark.claim("array-estimate")
+@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize(
+    ("size", "samples", "loads"),
+    [
+        (128, 1, 1),
+        (48, 1, 5),
+        (48, 3, 1),
+        pytest.param(128, 1, 24, marks=pytest.mark.exhaustive),
+        pytest.param(128, 12, 1, marks=pytest.mark.exhaustive),
+    ],
+)
+def test_memory_is_what_the_arrays_take(friction, size, samples, loads):
+    medium = simulation((size, size), friction, samples)
+    force = np.linspace(5.0, 6.0, loads)
+    guess = estimate(medium, Load("force", force))
+    medium.at_force(5.0)  # what is loaded once is not counted
+    tracemalloc.start()
+    gp.sound_velocities(medium.at_force(force))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # less than what is announced, and not less than half of it
+    assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+@pytest.mark.claim("array-estimate")
+@pytest.mark.parametrize(
+    ("lattice", "shape", "friction"),
+    only(
+        [("fcc", (12, 12, 12), True), ("chain", (20_000,), True)],
+        [
+            ("fcc", (12, 12, 12), True), ("fcc", (24, 24, 24), True), ("fcc", (24, 24, 24), False),
+            ("hcp", (9, 9, 9), True), ("hcp", (18, 18, 18), False), ("chain", (20_000,), True),
+        ],
+    ),
+)  # fmt: skip
+def test_memory_in_every_lattice(lattice, shape, friction):
+    medium = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice, friction=friction), shape)
+    guess = estimate(medium, Load("force", 5.0))
+    _ = gp.DirectSimulation(medium.packing, (2,) * len(shape)).at_force(5.0).elastic_tensor  # loaded once, not counted
+    tracemalloc.start()
+    _ = medium.at_force(5.0).elastic_tensor
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (16, 16, 16)), ("hcp", (10, 10, 10)), ("chain", (8192,))])
+def test_time_in_every_lattice_is_counted_in_units_of_the_small_sample(lattice, shape):
+    """The work of Newton's method and conjugate gradients, as counted, against that of the triangular lattice."""
+    balls = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice)
+    force = np.array([0.02, 0.5, 30.0])
+    found = [gp.DirectSimulation(balls, shape).at_force(f * balls.width_units.force).sample.equilibrium for f in force]
+    done = np.array([state.conjugate + 4 * state.newton for state in found], float)
+    each = [estimate(gp.DirectSimulation(balls, shape), Load("force", f * balls.width_units.force)).work for f in force]
+    ratio = done / np.array(each)
+    assert np.max(ratio) / np.min(ratio) < 3.0
+
+
+def test_every_equilibrium_takes_time():
+    one, many = (
+        estimate(simulation(), Load("force", 5.0)),
+        estimate(simulation(samples=3), Load("force", np.linspace(2.0, 5.0, 10))),
+    )
+    assert many.equilibria == 30
+    assert many.seconds > 25 * one.seconds
+
+
+@pytest.mark.claim("array-exponents", "exponent-cost")
+def test_exponents_take_two_states_more_beside_each():
+    for friction in (False, True):
+        medium = simulation(friction=friction)
+        plain, asked = (estimate(medium, Load("force", [5.0, 20.0]), exponents=exponents) for exponents in (False, True))
+        assert 2.2 < asked.seconds / plain.seconds < 3.0
+        assert asked.memory == plain.memory
+        assert asked.equilibria == 3 * plain.equilibria
+    medium = simulation((128, 128))
+    guess = estimate(medium, Load("force", 5.0), exponents=True)
+    medium.at_force(5.0)  # what is loaded once is not counted
+    tracemalloc.start()
+    _ = medium.at_force(5.0).exponent
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+def test_the_kinds_of_load_agree():
+    medium = simulation()
+    for spacing in (0.5, 1.0, 3.0):
+        overlap = (spacing - 0.5) * WIDTH
+        state = medium.at_overlap(overlap)
+        loads = {"overlap": overlap, "force": state.force, "pressure": state.pressure}
+        force, *rest = [estimate_reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
+        for other in rest:
+            assert force == pytest.approx(other, rel=0.02)
+            assert other == pytest.approx(state.reduced_force, rel=1e-12)
+
+
+def test_time_grows_towards_the_threshold_with_size_and_with_friction():
+    times = estimate_seconds([3.0, 1.0, 0.7, 0.5, 0.42, 0.363, 0.3])
+    assert np.all(np.diff(times[:-1]) > 0.0)
+    assert times[-1] > times[-2]  # below the threshold: taken to be at it
+    at = (0.5 - 0.5) * WIDTH
+    small, large = (estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024)))
+    # each step takes as long as 4500 balls more
+    assert large.seconds == pytest.approx(256 * small.seconds * (1 + 4500 / 2**20) / (1 + 4500 / 4096))
+    few = estimate(simulation((8, 8)), Load("overlap", at))
+    assert few.seconds > 0.4 * small.seconds
+    bare = estimate(simulation(friction=False), Load("overlap", at))
+    assert bare.seconds < small.seconds
+    assert estimate(simulation(), Load("overlap", at), moduli=False).seconds < bare.seconds
+
+
+def estimate_seconds(spacings):
+    return [estimate(simulation(), Load("overlap", (spacing - 0.5) * WIDTH)).seconds for spacing in spacings]
+
+
+def test_the_steps_that_it_counts_are_those_of_the_solver():
+    spacings = np.array([0.42, 0.5, 0.7, 1.0])
+    counts = [simulation().at_overlap((a - 0.5) * WIDTH).sample.equilibrium for a in spacings]
+    # a step of Newton's method costs about as much as four of conjugate gradients
+    done = np.array([state.conjugate + 4 * state.newton for state in counts], float)
+    claimed = cost._estimate_effort(np.array([state.force for state in counts]))
+    ratio = done / claimed
+    assert np.max(ratio) / np.min(ratio) < 3.0
+
+
+def test_equal_balls_cost_next_to_nothing():
+    medium = gp.DirectSimulation(gp.Packing(STEEL, 8e-3), (64, 64))
+    assert estimate(medium, Load("force", 5.0)).seconds < 0.2 * estimate(simulation(), Load("force", 5.0)).seconds
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(5.8e-5, "less than 0.1 s"), (0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")],
+)
+def test_durations_are_read_at_a_glance(seconds, text):
+    one = cost.Cost(2.5e9 - cost._PYTHON_BYTES, known=seconds, balls=10_000_000, equilibria=1)
+    assert one.text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
+
+
+def test_nothing_is_tried_until_time_is_asked_for(monkeypatch):
+    monkeypatch.setattr(cost, "_measure_time_per_ball", None)
+    guess = estimate(simulation(), Load("force", 5.0))
+    assert guess.memory > 0.0
+    with pytest.raises(TypeError):
+        _ = guess.seconds
+
+
+def test_the_text_counts_equilibria():
+    assert ", 4 equilibria: about" in estimate(simulation(samples=2), Load("force", [1.0, 2.0])).text
+
+
+# -- what is available ---------------------------------------------------------------------------------------------------
+
+MEMINFO = "MemTotal:       32000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8000000 kB\n"
+V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
+LIMITED_1 = {
+    f"{V1}/job/memory.limit_in_bytes": "5000000000\n", f"{V1}/job/memory.usage_in_bytes": "3000000000\n",
+    f"{V1}/job/memory.stat": "inactive_file 1\ntotal_inactive_file 500000000\n",
+}  # fmt: skip
+LIMITED_2 = {
+    f"{V2}/user/job/memory.max": "max\n", f"{V2}/user/job/memory.current": "7\n",
+    f"{V2}/user/memory.max": "3000000000\n", f"{V2}/user/memory.current": "2000000000\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("files", "available"),
+    [
+        ({"proc/meminfo": MEMINFO}, 8.192e9),
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "4:memory:/job\n2:cpu:/\n0::/\n", **LIMITED_1}, 2.5e9),
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "7:cpu,memory:/job\n", **LIMITED_1}, 2.5e9),
+        # a limit of a group above holds too; one that is larger than what is available does not
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/user/job\n", **LIMITED_2}, 1e9),
+        ({"proc/meminfo": MEMINFO.replace("8000000", "80000"), "proc/self/cgroup": "0::/user/job\n", **LIMITED_2}, 81.92e6),
+        # in a container the path is that outside of it, and the group is the root
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/docker/0a1b\n", f"{V2}/memory.max": "600000000",
+          f"{V2}/memory.current": "700000000"}, 0.0),
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/\nnonsense\n::\n"}, 8.192e9),
+    ],
+)  # fmt: skip
+def test_what_is_available_is_the_least_of_the_machines_and_the_groups(tmp_path, files, available):
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert cost.available_memory(tmp_path) == available
+
+
+@pytest.mark.parametrize(
+    ("names", "available"),
+    [
+        ({"SC_AVPHYS_PAGES": 1, "SC_PHYS_PAGES": 2, "SC_PAGE_SIZE": 3}, 4096.0 * 100),
+        ({"SC_PHYS_PAGES": 2, "SC_PAGE_SIZE": 3}, 4096.0 * 200),
+        ({"SC_PAGE_SIZE": 3}, np.inf),
+    ],
+)
+def test_without_the_files_of_linux_the_system_is_asked(tmp_path, monkeypatch, names, available):
+    monkeypatch.setattr("os.sysconf_names", names, raising=False)
+    monkeypatch.setattr(
+        "os.sysconf", {"SC_AVPHYS_PAGES": 100, "SC_PHYS_PAGES": 200, "SC_PAGE_SIZE": 4096}.__getitem__, raising=False
+    )
+    assert cost.available_memory(tmp_path) == available
+
+
+# -- spectra and sweeps --------------------------------------------------------------------------------------------------
+
+SCENE = """\
+material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
+packing: {{diameter: 8 mm, lattice: {}, friction: {}}}
+load: {{force: {}}}
+observe: [{}]
+phonopy: {{{}}}
+"""
+RANGE = "{from: 5 N, to: 9 N, points: 3000}"
+
+
+@pytest.mark.parametrize(
+    ("lattice", "friction", "load", "observe", "phonopy"),
+    [
+        pytest.param("triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive),
+        ("triangular", "false", "5 N", "bands", "band_points: 600"),
+        pytest.param("kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive),
+        ("triangular", "true", "5 N", "dos", "mesh: 200 200 1"),
+        pytest.param("triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive),
+        ("triangular", "true", "5 N", "bands", "dim: 24 24 1, band_points: 2"),
+        pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
+        ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
+    ],
+)
+def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattice, friction, load, observe, phonopy):
+    scene = gp.Scene.from_text(SCENE.format(lattice, friction, load, observe, phonopy))
+    guess = sum((part for _, _, part in scene.plan.parts), cost.Cost())
+    small = SCENE.format(lattice, friction, "[5 N, 6 N]" if load == RANGE else load, observe, "mesh: 4 4 1, band_points: 2")
+    gp.Scene.from_text(small).run(tmp_path / "small", figures=False)  # what is loaded once is not counted
+    tracemalloc.start()
+    scene.run(tmp_path / "out", figures=False)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # less than what is announced, and not less than a quarter of it
+    assert 0.25 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+def pressed(mu, shape=(20, 20), **more):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))
+    own = {"friction_history": True, "friction_coefficient": mu, "geometry": "lattice"} | more
+    return gp.DirectSimulation(packing, shape, **own)
+
+
+@pytest.mark.parametrize(
+    ("mu", "spacings", "tolerance"),
+    [
+        (np.inf, (0.6, 0.8, 1.0), 1e-4), (0.2, (0.6, 0.8, 1.0), 1e-4), (0.1, (0.7,), 1e-2), (0.0, (0.6, 0.8), 1e-4),
+        *[pytest.param(*case, marks=pytest.mark.exhaustive) for case in ((0.05, (0.6, 0.7), 1e-4), (0.02, (0.6,), 1e-4))],
+    ],
+)  # fmt: skip
+def test_iterations_of_a_history_are_those_of_the_solver(mu, spacings, tolerance):
+    medium, path = pressed(mu, step_tolerance=tolerance), np.array(spacings)
+    done = medium.at_overlap((path - 0.5) * WIDTH).samples[-1].equilibrium
+    counted = count_steps(medium.loading, path, 0.5) * count_iterations(medium.balls, mu)
+    assert 0.25 < counted / done.conjugate < 4.0
+
+
+def test_the_most_friction_there_is_costs_no_more_than_no_sliding():
+    assert count_iterations(100, 1e300) == count_iterations(100, np.inf)
+
+
+def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():
+    load = Load("overlap", 0.2 * WIDTH)
+    times = [estimate(pressed(mu), load).work for mu in (np.inf, 0.5, 0.2, 0.1, 0.05, 0.02)]
+    assert np.all(np.diff(times) > 0.0)
+    assert times[-1] > 8.0 * times[0]
+    assert estimate(pressed(0.0), load).work == times[0]  # no contact ever sticks
+    usual = times[2]
+    assert estimate(pressed(0.2, step_tolerance=1e-5), load).work > 2.0 * usual
+    assert estimate(pressed(0.2, start=0.65), load).work < 0.5 * usual
+    assert estimate(pressed(0.2, start={"overlap": 0.15 * WIDTH}), load).work < 0.5 * usual
+    assert estimate(pressed(0.2, start="gas"), load).work > 10.0 * usual
+    assert estimate(pressed(0.2, geometry="exact"), load).work > 2.0 * usual
+    cycle = Load("overlap", np.array([0.2, 0.0, 0.2]) * WIDTH)
+    assert estimate(pressed(0.2, ordered=True), cycle).work > 2.0 * estimate(pressed(0.2), cycle).work
+
+
+@pytest.mark.parametrize(
+    ("given", "bounds"),
+    [
+        ({}, False), ({"start": "gas"}, True), ({"mu": 0.01}, True), ({"mu": 0.0}, False), ({"mu": np.inf}, False),
+        ({"step_tolerance": 1e-6}, True),
+    ],
+)  # fmt: skip
+def test_an_estimate_that_rests_on_no_count_is_a_lower_bound(given, bounds):
+    guess = estimate(pressed(**{"mu": 0.2, **given}), Load("overlap", 0.2 * WIDTH))
+    assert guess.bounds == bounds
+    assert ("and at least " in guess.text) == bounds
+    assert (guess + cost.Cost()).bounds == guess.times(3).bounds == bounds
+
+
+@pytest.mark.claim("told-above")
+def test_what_takes_more_than_a_second_or_100_mb_is_told():
+    assert cost.Cost(known=1.01).tells
+    assert cost.Cost(working=0.6e8, kept=0.41e8).tells
+    assert cost.Cost(work=1.0, balls=64, equilibria=1).tells  # a simulation always
+    assert not cost.Cost(working=0.5e8, kept=0.49e8, known=0.99).tells
+
+
+def test_costs_add_up_to_one_after_the_other():
+    one, two = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",)), cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
+    assert one + two == cost.Cost(3.0, 5.0, 11.0, 15.0, 20, 3, ("a", "b"))
+    assert (one + two).memory == cost._PYTHON_BYTES + 8.0
+    assert one.times(3) == cost.Cost(3.0, 3.0, 15.0, 21.0, 10, 6, ("a",))
+    assert sum([one, two], cost.Cost()) == one + two

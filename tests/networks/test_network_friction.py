@@ -1,0 +1,189 @@
+"""Prestress of networks whose contacts bear static tangential forces: against LAMMPS' own response, and by hand."""
+
+import ctypes
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import InconsistencyWarning, InstabilityError
+from granphon.waves.operator import WaveOperator
+from tests import packings
+
+GLASS = packings.MATERIAL
+#: dimension, number of balls, filled part of the box before and after it is pressed with friction, seed
+PACKINGS = {"disks": (2, 20, 0.80, 0.85, 1), "balls": (3, 24, 0.56, 0.60, 5)}
+
+
+def cross(v):
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def respond(network, by_radii=False):
+    """Stiffnesses -d(force, torque)/d(u, phi) over the roots of masses, contact by contact, by the law of LAMMPS."""
+    count, p = network.n_balls, network.dimension
+    whole, eye = np.zeros((6 * count, 6 * count)), np.eye(12)
+    for c in range(network.n_contacts):
+        i, j, n, r = network.i[c], network.j[c], network.normal[c], network.distance[c]
+        arms = network.arm_i[c], network.arm_j[c]
+        reach = (network.radii[i], network.radii[j]) if by_radii else arms
+        apart, turned = eye[6:9] - eye[0:3], (eye[3:6], eye[9:12])
+        aside = apart - np.outer(n, n @ apart)
+        slip = aside + cross(n) @ (reach[0] * turned[0] + reach[1] * turned[1])
+        across, tilt, longer = network.tangential_force[c], aside / r, n @ apart
+        held = -network.shear_stiffness[c] * slip - np.outer(n, across @ tilt)
+        push = held - network.normal_stiffness[c] * np.outer(n, longer) + network.normal_force[c] * tilt
+        twist = [
+            -arm * cross(n) @ held + arm * cross(across) @ tilt - 0.5 * np.outer(np.cross(n, across), longer) for arm in arms
+        ]
+        places = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        np.add.at(whole, np.ix_(places, places), -np.vstack([-push, twist[0], push, twist[1]]))
+    axes = [*range(p), *([3, 4, 5] if p == 3 else [5])]
+    kept = (6 * np.arange(count)[:, None] + axes).ravel()
+    root = np.sqrt(np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel())
+    return whole[np.ix_(kept, kept)] / root / root[:, None]
+
+
+def press(lmp, dimension, count, loose, filled, seed):
+    """Press balls with friction until they are at rest."""
+    packings.relax(lmp, dimension, count, loose, seed)
+    low, high = lmp.extract_box()[:2]
+    side = (high[0] - low[0]) * (loose / filled) ** (1.0 / dimension)
+    mass = GLASS.density * 4.0 / 3.0 * np.pi * 1e-9
+    plane = dimension == 2
+    sides = " ".join(f"{axis} final 0 {side!r}" for axis in "xyz"[:dimension])
+    lmp.commands_string(f"""
+        {packings.coefficients("mindlin/force NULL 0.1 0.5").replace("70000000000.0 0 ", "70000000000.0 0.1 ")}
+        timestep 1e-7
+        thermo 100000000
+        fix move all nve/sphere {"disc" if plane else ""}
+        {"fix flat all enforce2d" if plane else ""}
+        fix drag all viscous {0.2 * mass / 1e-6!r}
+        fix turn all viscous/sphere {0.06 * mass!r}
+        fix press all deform 1 {sides} remap x units box
+        run 20000 post no
+        unfix press
+        run 40000 post no
+        unfix drag
+        unfix turn
+        {"unfix flat" if plane else ""}
+        unfix move
+        velocity all set 0 0 0
+        set group all omega 0 0 0""")
+
+
+def measure(lmp, network):
+    """LAMMPS' own response, of balls moved by one step of time at a velocity: it adds up slip along the way."""
+    time, size, p = 1e-12, 5e-11, network.dimension
+    axes = [*range(p), *([3, 4, 5] if p == 3 else [5])]
+    lmp.commands_string(f"{packings.coefficients('mindlin/force NULL 0 1')}\nfix move all nve/sphere\ntimestep {time!r}")
+
+    def go(motion):
+        for name, values in (("v", motion[:, :3]), ("omega", motion[:, 3:])):
+            lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * values.size)(*(values / time).ravel()))
+        lmp.command("run 1 post no")
+        found = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3) for name in ("f", "torque")]
+        return np.hstack(found)[:, axes].ravel()
+
+    columns = []
+    for place in range(network.n_balls * len(axes)):
+        ball, axis = divmod(place, len(axes))
+        motion, step = np.zeros((network.n_balls, 6)), size / (1.0 if axis < p else 1e-3)
+        motion[ball, axes[axis]] = step
+        ahead = go(motion)
+        go(-motion)
+        behind = go(-motion)
+        go(motion)
+        columns.append((behind - ahead) / (2.0 * step))
+    root = np.sqrt(np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel())
+    return np.array(columns).T / root / root[:, None]
+
+
+@pytest.fixture(scope="module", params=list(PACKINGS))
+def pressed(request, tmp_path_factory):
+    """A packing that LAMMPS has pressed with friction, and LAMMPS' own response."""
+    try:
+        running = packings.start()
+    except (ImportError, OSError) as error:
+        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    press(running, *PACKINGS[request.param])
+    folder = tmp_path_factory.mktemp(request.param)
+    packings.write_dumps(running, folder / "atoms.dump", folder / "pairs.dump")
+    read = gp.ContactNetwork.from_lammps(
+        folder / "atoms.dump", folder / "pairs.dump", GLASS, prestress=True, keep_rattlers=True
+    )
+    found = measure(running, read)
+    running.close()
+    return read, found
+
+
+@pytest.mark.claim("network-friction")
+def test_lammps_responds_as_the_network_with_tangential_forces(pressed):
+    network, found = pressed
+    force = network.normal_force[:, None] * network.normal + network.tangential_force
+    assert np.mean(np.linalg.norm(network.tangential_force, axis=1)) > 0.05 * np.mean(network.normal_force)
+    pull, turn = np.zeros((2, network.n_balls, 3))
+    for end, sign, arm in ((network.j, 1.0, network.arm_j), (network.i, -1.0, network.arm_i)):
+        np.add.at(pull, end, sign * force)
+        np.add.at(turn, end, -arm[:, None] * np.cross(network.normal, network.tangential_force))
+    assert np.max(np.abs(pull)) < 1e-6 * network.normal_force.mean()
+    assert np.max(np.abs(turn)) < 1e-9 * network.normal_force.mean()
+    # LAMMPS counts slip with the radii, and torques with the arms
+    wanted = respond(network, by_radii=True)
+    np.testing.assert_allclose(found, wanted, atol=5e-5 * np.max(found))
+    none = replace(network, tangential_force=np.zeros_like(network.normal))
+    assert np.max(np.abs(found - respond(none, by_radii=True))) > 1e-3 * np.max(found)
+
+
+@pytest.mark.claim("network-friction")
+def test_the_symmetric_part_has_the_frequencies_of_the_whole(pressed):
+    network = pressed[0].without_rattlers()
+    operator, whole = WaveOperator(network), respond(network)
+    ours = operator.matrix.toarray()
+    np.testing.assert_allclose(ours, 0.5 * (whole + whole.T), atol=1e-12 * np.max(whole))
+    own, theirs = np.linalg.eigvalsh(ours), np.sort(np.linalg.eigvals(whole).real)
+    solid = theirs > 1e-5 * operator.top**2
+    np.testing.assert_allclose(np.sqrt(own[solid]), np.sqrt(theirs[solid]), rtol=1e-4)
+    assert own[-1] < operator.top**2
+    assert gp.Waves(network).modes(3).frequencies[0] > 0.0
+
+
+def test_packings_at_rest_are_not_refused_for_their_tangential_forces(pressed):
+    """Balls in space with two contacts turn about the line through them: the normal forces alone push them aside."""
+    network = pressed[0].without_rattlers()
+    if network.dimension == 2:
+        return
+    assert np.any(np.bincount(np.r_[network.i, network.j]) == 2)
+    with pytest.raises(InstabilityError, match="tangential_force"):
+        gp.Waves(replace(network, tangential_force=None)).modes(3)
+    waves = gp.Waves(network)
+    assert waves.modes(3).zero_modes >= 4
+    assert np.linalg.eigvalsh(waves.operator.matrix.toarray())[0] > -waves.operator.slack
+
+
+def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
+    balls, contacts = packings.FOLDER / "yade_balls.csv", packings.FOLDER / "yade_contacts.csv"
+    with pytest.warns(InconsistencyWarning, match="has no tangential forces.*p1, p2, p3"):
+        gp.ContactNetwork.from_table(balls, contacts, cell=[5.424017457709516e-3] * 3, prestress=True)
+    given = {"i": [0], "j": [1], "normal_force": [1.0], "tangential_x": [0.0], "tangential_y": [0.3]}
+    places = {"x": [0.0, 1.99e-3], "y": [0.0, 0.0], "radius": [1e-3] * 2}
+    known = gp.ContactNetwork.from_table(places, given, material=GLASS, prestress=True, keep_rattlers=True)
+    known.write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    read = gp.ContactNetwork.from_table(tmp_path / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True)
+    assert read == known
+    state = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True)
+    assert not np.any(gp.ContactNetwork.from_state(state, (3, 3)).tangential_force)
+
+
+@pytest.mark.parametrize("mu", [0.05, 0.2])
+def test_exact_histories_in_fcc_have_modes(mu):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(8e-5), lattice="fcc")
+    state = gp.DirectSimulation(
+        packing, (3, 3, 3), 1, geometry="exact", friction_history=True, friction_coefficient=mu, step_tolerance=1.0
+    ).at_overlap(1.6e-6)
+    network = state.sample.respond("stick").network.without_rattlers()
+    assert np.any(network.tangential_force)
+    assert gp.Waves(network).modes(3).frequencies[0] > 0.0
+    whole = respond(network)
+    np.testing.assert_allclose(WaveOperator(network).matrix.toarray(), 0.5 * (whole + whole.T), atol=1e-12 * np.max(whole))

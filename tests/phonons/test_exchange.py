@@ -1,0 +1,458 @@
+"""The files in the hands of the real tools, each run as its own process in an empty folder, with no option."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import phonopy
+import pytest
+import yaml
+
+import granphon as gp
+from granphon.base.errors import InputError, UnsupportedError
+from granphon.base.scales import HertzPrefix
+from granphon.phonons.phonopy_bridge import load_phonopy
+from tests.warm import Warm
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+TOOLS = Path(sys.executable).parent
+PATH = "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
+
+
+def at_overlap(relative=1e-3, friction=True, lattice="triangular", diameter=8e-3, finite_overlap=None):
+    packing = gp.Packing(STEEL, diameter, lattice=lattice, friction=friction)
+    return gp.AveragedLattice(packing).at_overlap(relative * diameter, finite_overlap=finite_overlap)
+
+
+def vacancy(state):
+    balls = gp.atoms(state).repeat((3, 3, 1))
+    balls.set_masses(np.linspace(1.0, 3.0, 9))
+    del balls[4]
+    return balls
+
+
+CASES = {
+    "rough": lambda: gp.Phonons(at_overlap()),
+    "smooth": lambda: gp.Phonons(at_overlap(friction=False)),
+    "finite overlap": lambda: gp.Phonons(at_overlap(1e-2, finite_overlap=True)),
+    "smooth finite overlap": lambda: gp.Phonons(at_overlap(1e-2, friction=False, finite_overlap=True)),
+    "micrometre balls": lambda: gp.Phonons(at_overlap(diameter=1e-6)),
+    "ten-metre balls": lambda: gp.Phonons(at_overlap(1e-9, diameter=10.0)),
+    "hardly pressed": lambda: gp.Phonons(at_overlap(1e-20)),
+    "vacancy": lambda: (lambda state: gp.Phonons(state, vacancy(state)))(at_overlap()),
+    "kagome": lambda: gp.Phonons(at_overlap(lattice="kagome")),
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tools(tmp_path_factory):
+    """What runs programs, each in a process of its own that does not have to load phonopy and Euphonic first."""
+    warm = Warm("phonopy", "phonopy.scripts.phonopy", "matplotlib.pyplot", "euphonic") if hasattr(os, "fork") else None
+    scratch = tmp_path_factory.mktemp("scratch")
+
+    def carry_out(folder, *arguments, code="", cold=False):
+        # with nothing in its environment that could help it
+        environment = {"MPLBACKEND": "Agg", "HOME": str(folder), "MPLCONFIGDIR": str(folder / ".matplotlib")}
+        if warm is not None and not cold:
+            return warm.run(scratch, folder, arguments, code, environment)
+        done = subprocess.run(
+            [sys.executable, *arguments, *([code] if code else [])], cwd=folder, env={**os.environ, **environment},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        return done.returncode, done.stdout, done.stderr
+
+    _TOOLS.append(carry_out)
+    yield
+    _TOOLS.clear()
+    if warm is not None:
+        warm.close()
+
+
+_TOOLS = []
+
+
+def run(folder, tool, *arguments, status=0, cold=False):
+    """Run a tool in ``folder``, if cold as a shell does; its standard output."""
+    code, out, err = _TOOLS[0](folder, str(TOOLS / tool), *map(str, arguments), cold=cold)
+    assert code == status, out + err
+    return out
+
+
+def script(folder, text):
+    """Run a Python script in ``folder``; what it prints, from JSON."""
+    code, out, err = _TOOLS[0](folder, "-c", code=text)
+    assert code == 0, out + err
+    return json.loads(out.splitlines()[-1])
+
+
+def head(path):
+    return yaml.safe_load(path.read_text(encoding="utf-8").split("\nphonopy:", 1)[0])["granphon"]
+
+
+def without_flat_bands(found, count):
+    """Sorted frequencies without the ``count`` nearest to zero, and the greatest of those."""
+    order = np.argsort(np.abs(found), axis=1, kind="stable")
+    flat = np.take_along_axis(found, order[:, :count], axis=1)
+    return np.sort(np.take_along_axis(found, order[:, count:], axis=1), axis=1), np.abs(flat).max()
+
+
+# -- phonopy ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("readme-exchange", "phonopy-frequencies", "flat-bands")
+@pytest.mark.parametrize("case", CASES)
+def test_the_phonopy_command_without_options(case, tmp_path):
+    ph = CASES[case]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    assert [p.name for p in tmp_path.iterdir()] == ["phonopy_params.yaml"]
+    run(tmp_path, "phonopy", "phonopy_params.yaml", "--band", PATH, cold=case == "rough")
+    own = head(tmp_path / "phonopy_params.yaml")
+    assert gp.Units.from_info(own) == ph.scales
+    assert HertzPrefix.named(own["frequency_unit"]).hertz == own["hertz"]
+    out = yaml.safe_load((tmp_path / "band.yaml").read_text())
+    q = np.array([point["q-position"] for point in out["phonon"]])
+    found = np.array([[mode["frequency"] for mode in point["band"]] for point in out["phonon"]])
+    expected = ph.frequencies(q) / own["hertz"]
+    top = expected.max()
+    assert 1.0 <= top < 1000.0
+    # K and M are on the path, at the ends of its segments
+    assert np.abs(q - [1 / 3, 1 / 3, 0]).max(axis=1).min() < 1e-6
+    found, flat = without_flat_bands(found, own["zero_bands"])
+    assert found.shape == expected.shape
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6 * top)
+    assert flat < 1e-6 * top
+
+
+@pytest.mark.parametrize("case", ["rough", "smooth", "vacancy"])
+def test_phonopy_load(case, tmp_path):
+    ph = CASES[case]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    q = [[0.11, 0.23, 0.0], [0.4, -0.3, 0.0]]
+    found = script(
+        tmp_path,
+        f"import json, phonopy; ph = phonopy.load('phonopy_params.yaml', is_nac=False, log_level=0);"
+        f"print(json.dumps(ph.run_qpoints({q}).frequencies.tolist()))",
+    )
+    own = head(tmp_path / "phonopy_params.yaml")
+    found, _ = without_flat_bands(np.array(found), own["zero_bands"])
+    expected = ph.frequencies(q) / own["hertz"]
+    np.testing.assert_allclose(found, expected, atol=1e-10 * expected.max())
+
+
+def test_phonopy_mesh_and_density_of_states(tmp_path):
+    # the command's own mesh and density of states: three branches, and three flat ones at zero
+    ph = CASES["rough"]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    run(tmp_path, "phonopy", "phonopy_params.yaml", "--mesh", "16", "16", "1", "--gc", "--dos", "--fmin", "1")
+    own = head(tmp_path / "phonopy_params.yaml")
+    frequency, total = np.loadtxt(tmp_path / "total_dos.dat").T
+    top = ph.frequencies([[0, 0]]).max() / own["hertz"]
+    assert frequency[np.flatnonzero(total > 1e-6)[-1]] == pytest.approx(top, rel=0.02)
+    assert np.trapezoid(total, frequency) == pytest.approx(3.0, abs=0.15)
+
+
+@pytest.mark.parametrize("case", ["rough", "smooth"])
+def test_phonopy_bandplot_draws_our_bands(case, tmp_path):
+    CASES[case]().bands("GKMG", npoints=21, labels=None).write(tmp_path / "band.yaml")
+    run(tmp_path, "phonopy-bandplot", "band.yaml", "-o", "x.png")
+    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "x.png").stat().st_size > 5000
+
+
+def test_phonopy_bandplot_prints_our_numbers(tmp_path):
+    # its gnuplot output: distance and frequency, as we have them
+    bands = CASES["rough"]().bands("GK,MG", npoints=11)
+    bands.write(tmp_path / "band.yaml")
+    # having printed them, phonopy-bandplot ends with status 1
+    text = run(tmp_path, "phonopy-bandplot", "--gnuplot", "band.yaml", status=1)
+    rows = np.array([[float(x) for x in line.split()] for line in text.splitlines() if line.strip() and line[0] != "#"])
+    kilohertz = bands.frequencies.transpose(2, 0, 1).ravel() / 1e3
+    np.testing.assert_allclose(rows[:, 0], np.tile(bands.distances.ravel(), 3), atol=1e-6)
+    np.testing.assert_allclose(rows[:, 1], kilohertz, atol=1e-6)
+
+
+@pytest.mark.claim("phonopy-round-trip")
+@pytest.mark.parametrize("case", CASES)
+def test_load_phonopy_restores_force_constants(case, tmp_path):
+    ph = CASES[case]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    bridge, scales = load_phonopy(tmp_path / "phonopy_params.yaml")
+    assert type(bridge) is type(ph.phonopy)
+    assert scales == ph.scales
+    # every number keeps all its digits; what is itself the rounding error of a zero is cut at 2^-30 of phonopy's 15 decimals
+    np.testing.assert_allclose(bridge.force_constants, ph.phonopy.force_constants, rtol=0.0, atol=5.1e-16 / 2**30)
+    big = np.abs(ph.phonopy.force_constants) > 1e-9
+    np.testing.assert_array_equal(bridge.force_constants[big], ph.phonopy.force_constants[big])
+    np.testing.assert_array_equal(bridge.masses, ph.phonopy.masses)
+    np.testing.assert_array_equal(bridge.supercell_matrix, ph.phonopy.supercell_matrix)
+    q = [[0.11, 0.23, 0.0], [0.4, -0.3, 0.0]]
+    np.testing.assert_allclose(
+        bridge.run_qpoints(q).frequencies[:, -1], ph.frequencies(q)[:, -1] / ph.scales.frequency, rtol=1e-14
+    )
+    with pytest.raises(UnsupportedError):
+        bridge.symmetrize_force_constants()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "phonopy:\n  version: 4\n",
+        "granphon:\n- 1\n",
+        "granphon: 3\n",
+        "granphon: [\n",
+    ],
+)
+def test_files_of_others_are_refused(text, tmp_path):
+    (tmp_path / "phonopy_params.yaml").write_text(text)
+    with pytest.raises(InputError):
+        load_phonopy(tmp_path / "phonopy_params.yaml")
+
+
+def test_phonopys_own_file_would_not_do(tmp_path):
+    # why Phonons.save is not Phonopy.save: the command symmetrises, and loses the rotation
+    from phonopy import Phonopy
+
+    ph = CASES["rough"]()
+    bare = Phonopy(ph.phonopy.unitcell, ph.phonopy.supercell_matrix, primitive_matrix="P", is_symmetry=False)
+    bare.unit_conversion_factor = 1.0
+    bare.force_constants = ph.phonopy.force_constants
+    bare.save(tmp_path / "phonopy_params.yaml", settings={"force_constants": True})
+    run(tmp_path, "phonopy", "phonopy_params.yaml", "--band", PATH)
+    out = yaml.safe_load((tmp_path / "band.yaml").read_text())
+    at_gamma = np.array([mode["frequency"] for mode in out["phonon"][0]["band"]])
+    assert np.abs(at_gamma).max() < 1e-3, "the rotational branch has fallen to zero"
+
+
+# -- Euphonic -----------------------------------------------------------------------------------------------------------
+
+EUPHONIC = """
+import json, warnings
+# phonopy and numpy bring an OpenMP library each: Euphonic says that it will use one thread
+warnings.simplefilter("ignore")
+import numpy as np
+import phonopy
+from euphonic import {names}, ureg
+def terahertz(data):
+    return data.frequencies.to("THz", "spectroscopy").magnitude.tolist()
+"""
+
+
+def euphonic_terahertz(folder, qpoints):
+    """Frequencies (n_q, branches), THz, that Euphonic finds from phonopy_params.yaml in a folder."""
+    return script(
+        folder,
+        EUPHONIC.format(names="ForceConstants")
+        + f"""
+fc = ForceConstants.from_phonopy(path=".", summary_name="phonopy_params.yaml")
+print(json.dumps(terahertz(fc.calculate_qpoint_phonon_modes(np.array({np.asarray(qpoints).tolist()}), asr=None))))
+""",
+    )
+
+
+def constant_ratio(folder):
+    """What (eV/A^2 amu)^1/2 / 2 pi is in THz to Euphonic, over what it is to phonopy: they hold different CODATA years."""
+    return script(
+        folder,
+        EUPHONIC.format(names="ForceConstants")
+        + """
+from phonopy.physical_units import get_physical_units
+theirs = (1 * ureg("eV/angstrom^2/unified_atomic_mass_unit")).to("1/s^2").magnitude ** 0.5 / (2 * np.pi) / 1e12
+# Euphonic goes through energies, hbar omega and h nu, in atomic units
+print(json.dumps(theirs / get_physical_units().DefaultToTHz))
+""",
+    )
+
+
+@pytest.mark.claim("readme-exchange", "euphonic-constants")
+@pytest.mark.parametrize("case", ["rough", "smooth", "finite overlap", "micrometre balls", "vacancy"])
+def test_euphonic_reads_the_force_constants(case, tmp_path):
+    ph = CASES[case]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    q = [[0.11, 0.23, 0.0], [1 / 3, 1 / 3, 0.0], [0.4, -0.3, 0.0]]
+    found = euphonic_terahertz(tmp_path, q)
+    own = head(tmp_path / "phonopy_params.yaml")
+    found, flat = without_flat_bands(np.array(found), own["zero_bands"])
+    expected = ph.frequencies(q) / own["hertz"]
+    # phonopy and Euphonic take eV, A and amu from different years' constants, 1.23e-7 apart in a frequency
+    np.testing.assert_allclose(found, expected, rtol=2e-7)
+    assert flat < 1e-6 * expected.max()
+    # and nothing but that: the ratio is the same for every mode
+    ratio = found / expected
+    assert np.ptp(ratio) < 1e-9
+    assert ratio.mean() - 1.0 == pytest.approx(1.2337e-7, rel=1e-3)
+
+
+@pytest.mark.claim("euphonic-constants")
+def test_the_difference_of_constants_is_as_said(tmp_path):
+    assert abs(constant_ratio(tmp_path) - 1.0) < 2e-7
+
+
+@pytest.mark.claim("euphonic-bands")
+@pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome"])
+def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
+    bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
+    bands.write(tmp_path / "band.yaml")
+    found = script(
+        tmp_path,
+        EUPHONIC.format(names="QpointPhononModes")
+        + """
+modes = QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
+print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real.tolist(), modes.eigenvectors.imag.tolist(),
+                  modes.crystal.atom_mass.to("unified_atomic_mass_unit").magnitude.tolist()]))
+""",
+    )
+    top = HertzPrefix.for_top(bands.frequencies.max()).hertz
+    s, p, b = bands.frequencies.shape
+    np.testing.assert_allclose(found[0], bands.frequencies.reshape(-1, b) / top, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(found[1], bands.qpoints.reshape(-1, 3), atol=1e-15)
+    vectors = np.array(found[2]) + 1j * np.array(found[3])  # (q, branch, ball, 3)
+    # ours, as phonopy's, go with the phase exp(i q.r) of each ball's own place; Euphonic's with that of the cell, and a
+    # phase of the whole mode (the place of ball mode // 3)
+    ours = bands.eigenvectors.reshape(s * p, -1, 3, b).transpose(0, 3, 1, 2)
+    apart = bands.positions[None, :] - bands.positions[np.arange(b) // 3][:, None]  # (branch, ball, 3)
+    turn = np.exp(2j * np.pi * np.einsum("qa,bia->qbi", bands.qpoints.reshape(-1, 3), apart))
+    np.testing.assert_allclose(vectors, ours * turn[..., None], atol=1e-14)
+    np.testing.assert_allclose(found[4], bands.masses, rtol=1e-12)
+
+
+def test_euphonic_reads_frictionless_bands(tmp_path):
+    # two branches a ball: there is no third for Euphonic's modes, its frequencies are right
+    bands = CASES["smooth"]().bands("GKMG", npoints=5)
+    bands.write(tmp_path / "band.yaml")
+    found = script(
+        tmp_path,
+        EUPHONIC.format(names="QpointFrequencies, QpointPhononModes")
+        + """
+frequencies = QpointFrequencies.from_phonopy(path=".", phonon_name="band.yaml")
+try:
+    QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
+    refused = False
+except ValueError:
+    refused = True
+print(json.dumps([terahertz(frequencies), refused]))
+""",
+    )
+    np.testing.assert_allclose(found[0], bands.frequencies.reshape(-1, 2) / 1e3, rtol=1e-13, atol=1e-13)
+    assert found[1] is True
+
+
+# -- the file -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_file_says_what_it_is(tmp_path):
+    ph = CASES["vacancy"]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    own = head(tmp_path / "phonopy_params.yaml")
+    assert own["schema"] == 1
+    assert own["version"] == gp.__version__
+    assert own["coordinates"] == ["x", "y", "w = R_g phi"]
+    assert own["zero_bands"] == 3
+    assert own["masses"] == ph.atoms.get_masses().tolist()
+    smooth = tmp_path / "smooth.yaml"
+    CASES["smooth"]().save(smooth)
+    # the auxiliary atom's three, and w of the one ball
+    assert head(smooth)["zero_bands"] == 4
+
+
+@pytest.mark.claim("phonopy-thresholds")
+@pytest.mark.parametrize("diameter", 10.0 ** np.arange(-8, 3))
+def test_the_unit_is_chosen_for_the_top(diameter, tmp_path):
+    ph = gp.Phonons(at_overlap(1e-6, diameter=diameter))
+    ph.save(tmp_path / "phonopy_params.yaml")
+    ph.bands("GK", npoints=3).write(tmp_path / "band.yaml")
+    one, other = (yaml.safe_load((tmp_path / n).read_text())["granphon"] for n in ("phonopy_params.yaml", "band.yaml"))
+    assert one["frequency_unit"] == other["frequency_unit"]
+    assert 1.0 <= ph.frequencies([[0, 0]]).max() / one["hertz"] < 1000.0
+
+
+@pytest.mark.parametrize("balls", [1, 2])
+def test_euphonic_reads_padded_bands_with_eigenvectors(balls, tmp_path):
+    """Three branches a ball: below the two of a frictionless one its rotation, which nothing resists."""
+    smooth = CASES["smooth"]()
+    if balls > 1:
+        smooth = gp.Phonons(smooth.state, gp.atoms(smooth.state).repeat((balls, 1, 1)))
+    bands = smooth.bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=3)
+    bands.write(tmp_path / "band.yaml", pad=True)
+    found = script(
+        tmp_path,
+        EUPHONIC.format(names="QpointPhononModes")
+        + """
+modes = QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
+print(json.dumps([terahertz(modes), modes.eigenvectors.real.tolist(), modes.eigenvectors.imag.tolist()]))
+""",
+    )
+    frequencies, vectors = np.array(found[0]), np.array(found[1]) + 1j * np.array(found[2])
+    assert frequencies.shape == (6, 3 * balls)
+    np.testing.assert_allclose(frequencies[:, balls:], bands.frequencies.reshape(6, -1) / 1e3, rtol=1e-13, atol=1e-13)
+    assert not frequencies[:, :balls].any()
+    # orthonormal, and the first ones pure rotations
+    flat = vectors.reshape(6, 3 * balls, 3 * balls)
+    np.testing.assert_allclose(flat @ flat.conj().swapaxes(1, 2), np.tile(np.eye(3 * balls), (6, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.sum(np.abs(vectors[:, :balls, :, 2]) ** 2, axis=2), 1.0, rtol=1e-12)
+    # what is read again is what there was
+    again = gp.Bands.read(tmp_path / "band.yaml")
+    bands.write(tmp_path / "plain.yaml")
+    plain = gp.Bands.read(tmp_path / "plain.yaml")
+    assert again.n_branches == 2 * balls
+    for name in ("frequencies", "group_velocities", "eigenvectors", "qpoints", "distances"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(plain, name))
+    np.testing.assert_allclose(again.frequencies, bands.frequencies, rtol=1e-15)
+
+
+def test_nothing_pads_bands_that_are_whole(tmp_path):
+    bands = CASES["rough"]().bands("GK", npoints=3)
+    for name, pad in (("plain", False), ("padded", True)):
+        bands.write(tmp_path / name, pad=pad)
+    assert (tmp_path / "plain").read_bytes() == (tmp_path / "padded").read_bytes()
+
+
+# -- what phonopy makes of the export without complaint, and what a reader is told of it -------------------------------
+
+
+def test_what_phonopys_moments_and_own_path_are_worth(tmp_path):
+    """As docs/how-to/phonopy.md says: the first moment depends on the mesh, a path of its own has neither K nor M."""
+    ph = CASES["rough"]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    found = script(
+        tmp_path,
+        """
+import json, warnings
+warnings.simplefilter("ignore")
+import numpy as np
+import phonopy
+loaded = phonopy.load("phonopy_params.yaml", is_nac=False, log_level=0)
+moments = []
+for n in (8, 9):
+    loaded.run_mesh([n, n, 1], with_eigenvectors=True, is_mesh_symmetry=False)
+    moments.append(float(loaded.run_moment(order=1).moment))
+from phonopy.phonon.band_structure import get_band_qpoints_by_seekpath
+bands, labels, _ = get_band_qpoints_by_seekpath(loaded.primitive, 3)
+print(json.dumps([moments, [np.asarray(band).tolist() for band in bands], labels]))
+""",
+    )
+    moments, path, labels = found
+    mesh = (np.arange(64) + 0.5) / 64
+    mean = ph.frequencies([(a, b, 0.0) for a in mesh for b in mesh]).mean() / 1e3
+    assert abs(moments[1] / mean - 1.0) > 0.02
+    assert not {"K", "M"} & {label.strip("$") for label in labels}
+    corners = np.array([point for band in path for point in (band[0], band[-1])])
+    assert not np.any(np.all(np.isclose(np.abs(corners % 1.0 - 0.5), 1 / 6), axis=1))
+    assert np.any(corners[:, 2])  # and it leaves the plane
+
+
+def test_phonopy_takes_no_unit_but_its_own(tmp_path):
+    """So that the unit of frequency stands in the block ``granphon``."""
+    ph = CASES["rough"]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    text = (tmp_path / "phonopy_params.yaml").read_text()
+    assert "physical_unit" not in text
+    before = "\nsupercell_matrix:"
+    (tmp_path / "units.yaml").write_text(text.replace(before, f"\nphysical_unit:\n  frequency: kHz\n{before}"))
+    with pytest.raises(ValueError, match="physical_unit in YAML conflicts"):
+        phonopy.load(tmp_path / "units.yaml", is_nac=False, log_level=0)

@@ -1,0 +1,924 @@
+import itertools
+import math
+import random
+import re
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.balls.loads import Load, force_of_frame
+from granphon.base.errors import InputError, OutputError, PrecisionError, Refused, SceneError
+from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity
+from granphon.media.choice import MediumChoice
+from granphon.media.cost import estimate
+from granphon.phonons.paths import BandPath
+from granphon.scene.fields import SCALES, space_evenly
+from granphon.scene.scene import Scene
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PRESETS = Path(gp.__file__).parent / "data"
+NAMES = ("steel_hexagon", "glass", "hydrogel")
+MINIMAL = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 18.446 N}
+"""
+
+# -- what a scene means ---------------------------------------------------------------------------------------------
+
+
+def test_defaults():
+    scene = Scene.from_text(MINIMAL)
+    assert scene.packing == gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    assert scene.load == Load("force", 18.446) == Load("force", (18.446,))
+    assert (scene.media, scene.finite_overlap, scene.observe) == ((MediumChoice("ala"),), False, ("velocities",))
+    assert (scene.parameters, scene.is_sweep, scene.diameters) == ((), False, None)
+    assert (scene.band_points, scene.mesh, scene.dim, scene.source) == (101, (64, 64), None, None)
+    assert scene.path == BandPath.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_are_the_presets_and_are_valid(name):
+    assert (EXAMPLES / f"{name}.yaml").read_text() == (PRESETS / f"{name}.yaml").read_text()
+    scene = Scene.from_yaml(EXAMPLES / f"{name}.yaml")
+    assert scene.observe == ("velocities", "bands", "dos")
+    assert scene.source == EXAMPLES / f"{name}.yaml"
+    assert gp.validity(scene.state()).ok
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_commented_out_in_a_preset_is_right_too(name):
+    text = (PRESETS / f"{name}.yaml").read_text()
+    chosen = next(line for line in text.splitlines() if line.split(":")[0].strip() in LOADS)
+    others = [line for line in text.splitlines() if line.strip("# ").split(":")[0] in LOADS and line != chosen]
+    frame = next((line for line in text.splitlines() if "balls_per_side" in line), "")
+    assert len(others) >= 2
+    for line in others:
+        tail = "\n" + frame.replace("# ", "", 1) if "side_force" in line else ""
+        scene = Scene.from_text(text.replace(chosen, line.replace("# ", "", 1) + tail))
+        # the alternatives are of the same size as what is chosen
+        assert scene.state().force == pytest.approx(Scene.from_text(text).state().force, rel=0.2)
+    rest = text.replace("# dim:", "dim:").replace("# yield_strength:", "yield_strength:")
+    assert Scene.from_text(rest).dim == (3, 3)
+
+
+def test_the_preset_of_a_sweep_and_what_is_commented_out_in_it():
+    text = (PRESETS / "steel_spread.yaml").read_text()
+    assert (EXAMPLES / "steel_spread.yaml").read_text() == text
+    scene = Scene.from_text(text)
+    assert scene.is_sweep
+    assert [len(state.force) for _, state in scene.states()] == [60, 60, 60]
+    assert all(gp.validity(state)["contact_radius"].ok.all() for _, state in scene.states())
+    normal = Scene.from_text(text.replace("  spread: {uniform", "  # ").replace("# spread: {normal", "spread: {normal"))
+    assert normal.packing.width == pytest.approx(2.04e-6, rel=0.01)
+    framed = text.replace("  force: {from", "  # ").replace("# side_force", "side_force").replace("# balls_per", "balls_per")
+    assert len(Scene.from_text(framed).load.values) == 3
+    simulated = Scene.from_text(text.replace("medium: [", "# [").replace("# medium: {", "medium: {"))
+    assert [choice.label for choice in simulated.media] == ["simulation(samples=4, shape=64 64)"]
+    assert dict(Scene.from_text(text.replace("# sweep:", "sweep:")).parameters) == {"width": (1e-6, 2e-6, 4e-6)}
+
+
+def test_presets_are_what_they_say():
+    steel, glass, gel = (Scene.from_yaml(PRESETS / f"{name}.yaml") for name in NAMES)
+    assert gp.sound_velocities(steel.state()).longitudinal == pytest.approx(791.0, abs=0.1)
+    assert 65e9 < glass.packing.material.young_modulus < 75e9
+    assert gel.packing.material.young_modulus < 1e5
+    assert not gel.packing.friction
+
+
+def test_the_frame_of_section_iv():
+    # each of the n balls of a side passes F/n on to two contacts at 30 degrees
+    assert 2.0 * math.cos(math.pi / 6) * force_of_frame(990.0, 31) * 31 == pytest.approx(990.0, rel=1e-15)
+    # "~990 N" is 990.4 N: the printed force follows to the digits of the printed push
+    assert force_of_frame(990.43, 31) == pytest.approx(18.446, abs=5e-4)
+    scene = Scene.from_text(MINIMAL.replace("force: 18.446 N", "side_force: 990 N, balls_per_side: 31"))
+    state = scene.state()
+    assert state.force == force_of_frame(990.0, 31)
+    assert state.pressure == pytest.approx(990.0 / (31 * 8e-3), rel=1e-15)
+
+
+@pytest.mark.parametrize(("kind", "text"), [("force", "3 N"), ("pressure", "4 kN/m"), ("overlap", "1 um")])
+def test_loads_reach_the_medium(kind, text):
+    scene = Scene.from_text(MINIMAL.replace("force: 18.446 N", f"{kind}: {text}"))
+    assert getattr(scene.state(), kind) == pytest.approx({"force": 3.0, "pressure": 4e3, "overlap": 1e-6}[kind], rel=1e-15)
+
+
+def test_finite_overlap_reaches_the_medium():
+    text = MINIMAL.replace("8 mm", "8 mm, finite_overlap: true").replace("force: 18.446 N", "pressure: 4 MN/m")
+    scene = Scene.from_text(text)
+    expected = gp.AveragedLattice(scene.packing).at_pressure(4e6, finite_overlap=True)
+    assert scene.state().force == expected.force
+    assert scene.state().force < gp.AveragedLattice(scene.packing).at_pressure(4e6).force
+
+
+@pytest.mark.parametrize("medium", ["ala", "afa", "ema", "{ema: }", "{afa: {}}"])
+def test_every_medium_is_the_averaged_lattice_for_equal_balls(medium):
+    scene = Scene.from_text(f"{MINIMAL}medium: {medium}\n")
+    assert [choice.label for choice in scene.media] == [medium.strip("{}: ")[:3]]
+    state, equal = scene.state(), Scene.from_text(MINIMAL).state()
+    for name in equal.units:
+        assert getattr(state, name) == getattr(equal, name)
+
+
+def test_paths_and_grids():
+    text = MINIMAL + "phonopy: {dim: [4, 3, 1], band: '0 0 0 1/2 0 0, 1/3 1/3 0 -0.25 1e-3 0', mesh: 8 6 1}\n"
+    scene = Scene.from_text(text)
+    assert (scene.dim, scene.mesh) == ((4, 3), (8, 6))
+    assert scene.path.labels is None
+    first, second = scene.path.arrays
+    np.testing.assert_array_equal(first, [[0, 0, 0], [0.5, 0, 0]])
+    np.testing.assert_array_equal(second, [[1 / 3, 1 / 3, 0], [-0.25, 1e-3, 0]])
+
+
+@pytest.mark.parametrize(("lattice", "labels"), [("triangular", "G K M G"), ("kagome", "G K M G"), ("square", "G X M G")])
+def test_default_path_of_each_lattice(lattice, labels):
+    scene = Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, lattice: {lattice}"))
+    assert scene.path.labels == tuple(labels.split())
+
+
+def test_an_empty_phonopy_block_is_none():
+    assert Scene.from_text(MINIMAL + "phonopy:\n  # mesh: 8 8 1\n") == Scene.from_text(MINIMAL)
+
+
+def test_observables_come_in_one_order():
+    assert Scene.from_text(MINIMAL + "observe: [dos, velocities]\n").observe == ("velocities", "dos")
+
+
+# -- simulations ----------------------------------------------------------------------------------------------------
+
+SIMULATION = MINIMAL.replace("8 mm", "8 mm, spread: {uniform: 2 um}").replace("18.446 N", "5 N")
+
+
+@pytest.mark.parametrize("shape", ["16 12", "[16, 12]", '"16 12"'])
+def test_a_simulation_in_a_scene(shape):
+    scene = Scene.from_text(SIMULATION + f"medium: {{simulation: {{shape: {shape}, seed: 3, samples: 2}}}}\n")
+    assert scene.media == (MediumChoice("simulation", (("shape", (16, 12)), ("seed", 3), ("samples", 2))),)
+    assert not scene.is_sweep
+    state = scene.state()
+    assert state == gp.DirectSimulation(scene.packing, (16, 12), seed=3, samples=2).at_force(5.0)
+    # what is written names every option, and is the same scene
+    assert "shape: [16, 12]\n    seed: 3\n    samples: 2\n" in scene.to_yaml()
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_the_defaults_of_a_simulation_are_written_out():
+    scene = Scene.from_text(SIMULATION + "medium: simulation\n")
+    assert scene.media == (MediumChoice("simulation"),)
+    assert "medium:\n  simulation:\n    shape: [128, 128]\n    seed: 0\n    samples: 1\n" in scene.to_yaml()
+
+
+def test_a_simulation_beside_other_media_and_over_parameters():
+    text = (
+        SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, {simulation: {shape: 8 8}}]\nsweep: {width: [1 um, 2 um]}\n"
+    )
+    scene = Scene.from_text(text)
+    states = dict(scene.states())
+    assert list(states) == [f"{m}, width = {w} m" for w in ("1e-06", "2e-06") for m in ("ema", "simulation(shape=8 8)")]
+    found = states["simulation(shape=8 8), width = 1e-06 m"]
+    np.testing.assert_array_equal(found.overlap, gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(1e-6)), (8, 8))
+                                  .at_force([9.0, 5.0]).overlap)  # fmt: skip
+    assert [label for label, _ in scene.states(simulations=False)] == ["ema, width = 1e-06 m", "ema, width = 2e-06 m"]
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_reading_a_scene_and_its_cost_simulate_nothing(monkeypatch):
+    def simulated(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(gp.DirectSimulation, "at", simulated)
+    scene = Scene.from_text(
+        SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, simulation]\nsweep: {width: [1 um, 2 um]}\n"
+    )
+    cost = scene.cost()
+    assert (cost.balls, cost.equilibria) == (128 * 128, 12)  # two loads of two packings, each with two more for the exponent
+    load = Load("force", [9.0, 5.0])
+    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), load, exponents=True)
+            for w in (1e-6, 2e-6)]  # fmt: skip
+    assert cost.seconds == pytest.approx(sum(one.seconds for one in each), rel=1e-12)
+    assert cost.memory == max(one.memory for one in each)
+    assert Scene.from_text(SIMULATION).cost() is None
+
+
+def test_a_load_that_samples_cannot_carry_is_named():
+    text = SIMULATION.replace("force: 5 N", "overlap: -0.6 um") + "medium: {simulation: {shape: 8 8}}\n"
+    scene = Scene.from_text(text, "loose.yaml")
+    told = r"loose.yaml:3: load.overlap: found '-0.6 um'; allowed: a load that the balls can carry; .*carries no load"
+    with pytest.raises(SceneError, match=told):
+        scene.state()
+    several = Scene.from_text(text.replace("-0.6 um", "[1 um, -0.6 um]"), "loose.yaml")
+    with pytest.raises(
+        SceneError, match=r"loose.yaml:3: load.overlap.1: found '-0.6 um'; .*simulation\(shape=8 8\), overlap = "
+    ):
+        several.sweep()
+
+
+def test_finite_overlap_and_a_simulation_are_refused_in_python(packing):
+    with pytest.raises(InputError, match=r"simulation.*has no terms of finite overlap"):
+        Scene(packing, Load("force", 1.0), media={"simulation": {"geometry": "lattice"}}, finite_overlap=True)
+
+
+# -- balls that differ, many loads, many media ----------------------------------------------------------------------
+
+#: as the design of the file has it
+FULL = """\
+schema: 1
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing:
+  lattice: triangular
+  diameter: 8 mm
+  spread: {uniform: 2.04 um}
+  friction: true
+  finite_overlap: false
+load: {force: 18.446 N}
+medium: ema
+observe: [velocities, bands, dos]
+phonopy: {dim: 3 3 1, band: 0 0 0 1/3 1/3 0 1/2 0 0 0 0 0, band_labels: G K M G, band_points: 101, mesh: 64 64 1}
+"""
+
+
+def with_spread(spread: str) -> Scene:
+    return Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, spread: {spread}"))
+
+
+def with_load(load: str, spread: str = "{uniform: 2 um}") -> Scene:
+    return Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, spread: {spread}").replace("force: 18.446 N", load))
+
+
+def test_a_scene_of_balls_that_differ():
+    scene = Scene.from_text(FULL)
+    assert scene.packing.spread == gp.Uniform(2.04e-6)
+    assert scene.media == (MediumChoice("ema"),)
+    assert scene.state() == gp.EffectiveMedium(scene.packing).at_force(18.446)
+    assert not scene.is_sweep
+
+
+@pytest.mark.parametrize(
+    ("text", "spread"),
+    [
+        ("{uniform: 2.04 um}", gp.Uniform(2.04e-6)), ("{uniform: 0 um}", gp.Uniform(0.0)),
+        ("{normal: 0.6 um}", gp.Normal(0.6e-6)), ("{normal: {std: 0.6 um}}", gp.Normal(0.6e-6)),
+        ("{normal: {std: 0.6 um, cutoff: 2}}", gp.Normal(0.6e-6, 2.0)),
+        ("{discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.5]}}", gp.Discrete((7e-3, 9e-3), (0.5, 0.5))),
+        ("{measured: {diameters: [7.999 mm, 8.001 mm]}}", gp.Measured((7.999e-3, 8.001e-3))),
+    ],
+)  # fmt: skip
+def test_spreads(text, spread):
+    scene = with_spread(text)
+    assert scene.packing.spread == spread
+    # equal balls need no more than the averaged lattice
+    assert scene.media == (MediumChoice("ema" if spread.width else "ala"),)
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_measured_diameters_are_looked_for_where_the_scene_is(tmp_path, monkeypatch):
+    (tmp_path / "lot").mkdir()
+    (tmp_path / "lot" / "balls.csv").write_text("ball,size (mm)\n1,7.999\n2,8.001\n")
+    (tmp_path / "lot" / "one.csv").write_text("diameter (um)\n7999\n8001\n")
+    scene = tmp_path / "lot" / "scene.yaml"
+    monkeypatch.chdir(tmp_path)
+    for text in ("{file: balls.csv, column: size}", "one.csv", "{file: one.csv}"):
+        scene.write_text(MINIMAL.replace("8 mm", f"8 mm, spread: {{measured: {text}}}"))
+        assert Scene.from_yaml("lot/scene.yaml").packing.spread == gp.Measured((7.999e-3, 8.001e-3))
+    scene.write_text(MINIMAL.replace("8 mm", "8 mm, spread: {measured: {file: balls.csv, column: sice}}"))
+    with pytest.raises(SceneError, match=r"scene.yaml:2: packing.spread.measured: found 'balls.csv'; .* 'size'"):
+        Scene.from_yaml("lot/scene.yaml")
+
+
+@pytest.mark.parametrize("given", ["secret.txt", "{file: secret.txt}", "{file: secret.txt, column: size}"])
+@pytest.mark.parametrize(
+    "text", ["root:hunter2:0:0::/root:/bin/sh\n", "hunter2,b\n", "hunter2\nhunter2\n", "size\nhunter2\n"]
+)
+def test_a_scene_does_not_show_what_is_in_a_file_that_is_no_table(tmp_path, given, text):
+    (tmp_path / "secret.txt").write_text(text, encoding="utf-8")
+    (tmp_path / "scene.yaml").write_text(MINIMAL.replace("8 mm", f"8 mm, spread: {{measured: {given}}}"), encoding="utf-8")
+    with pytest.raises(SceneError, match=r"packing\.spread\.measured: found 'secret\.txt'") as error:
+        Scene.from_yaml(tmp_path / "scene.yaml")
+    assert "hunter2" not in str(error.value)
+
+
+def test_many_measured_diameters_go_into_a_table(tmp_path, steel):
+    # thirds: all digits are needed
+    diameters = tuple(8e-3 + (n % 7 - 3) * 1e-6 / 3.0 for n in range(7 * 143))
+    spread = gp.Measured(diameters)
+    scene = Scene(gp.Packing(steel, 8e-3, spread), Load("force", 3.0), media="afa")
+    assert 'measured: "diameters.csv"' in scene.to_yaml()
+    (tmp_path / "scene.yaml").write_text(scene.to_yaml())
+    (tmp_path / "diameters.csv").write_text(scene.diameters)
+    assert Scene.from_yaml(tmp_path / "scene.yaml") == scene
+    fewer = Scene(gp.Packing(steel, 8e-3, gp.Measured(diameters[:994])), Load("force", 3.0), media="afa")
+    assert fewer.diameters is None
+    assert Scene.from_text(fewer.to_yaml()) == fewer
+
+
+def test_lists_and_ranges_of_loads():
+    assert with_load("force: [3 N, 1 N, 3 N]").load == Load("force", (3.0, 1.0, 3.0))
+    assert not with_load("force: [3 N]").is_sweep
+    assert with_load("force: [3 N]") == with_load("force: 3 N") == with_load("force: {from: 3 N, to: 3 N, points: 1}")
+    log, linear, down = (
+        with_load(f"pressure: {{{ends}, points: 5}}").load.values
+        for ends in ("from: 1 N/m, to: 1 kN/m", "from: 1 N/m, to: 1 kN/m, scale: linear", "from: 1 kN/m, to: 1 N/m")
+    )
+    np.testing.assert_allclose(log, 10.0 ** np.array([0.0, 0.75, 1.5, 2.25, 3.0]), rtol=1e-15)
+    np.testing.assert_allclose(linear, [1.0, 250.75, 500.5, 750.25, 1000.0], rtol=1e-15)
+    np.testing.assert_allclose(down, log[::-1], rtol=1e-15)
+    assert (down[0], down[-1]) == (1e3, 1.0)
+
+
+def test_a_frame_may_be_pressed_many_times():
+    scene = with_load("side_force: {from: 100 N, to: 990 N, points: 3}, balls_per_side: 31")
+    assert scene.load.applied == Load("force", [force_of_frame(push, 31) for push in scene.load.values])
+    ((label, state),) = scene.states()
+    assert label == "ema"
+    np.testing.assert_array_equal(state.force, scene.load.applied.array)
+
+
+def test_an_overlap_may_be_negative_where_balls_differ():
+    scene = with_load("overlap: {from: -0.3 um, to: 0.3 um, points: 7, scale: linear}")
+    ((_, state),) = scene.states()
+    np.testing.assert_array_equal(state.overlap, np.linspace(-0.3e-6, 0.3e-6, 7))
+    assert np.all(state.force > 0.0)
+    assert with_load("overlap: 0 um").state().force > 0.0
+
+
+def test_a_ladder_of_media_at_every_combination_of_parameters():
+    text = MINIMAL.replace("18.446 N", "[2 N, 9 N]") + (
+        "medium: [ema, {ema: {local_field: paper}}, ala]\n"
+        "sweep: {friction: [true, false], width: [1 um, 2 um], poisson_ratio: {from: 0.1, to: 0.2, points: 2}}\n"
+    )
+    scene = Scene.from_text(text)
+    assert [choice.label for choice in scene.media] == ["ema", "ema(local_field=paper)", "ala"]
+    assert [name for name, _ in scene.parameters] == ["friction", "width", "poisson_ratio"]
+    states = dict(scene.states())
+    assert len(states) == 3 * 2 * 2 * 2
+    packing = gp.Packing(gp.Material(211.65e9, 0.2, 7840.0), 8e-3, gp.Uniform(1e-6), friction=False)
+    expected = gp.EffectiveMedium(packing, local_field="paper").at_force([2.0, 9.0])
+    assert states["ema(local_field=paper), friction = False, width = 1e-06 m, poisson_ratio = 0.2"] == expected
+    with pytest.raises(InputError, match="is a sweep"):
+        scene.state()
+    again = Scene.from_text(scene.to_yaml())
+    assert again == scene
+
+
+def test_what_is_swept_decides_what_a_medium_must_average(packing):
+    for name, value, medium in (("width", 1e-6, "ema"), ("spread", gp.Normal(1e-6), "ema"), ("density", 1.0, "ala")):
+        scene = Scene(packing, Load("force", 1.0), parameters={name: [value]})
+        assert (scene.media, scene.balls_differ) == ((MediumChoice(medium),), medium == "ema")
+    assert not Scene(packing, Load("force", 1.0), media="ema").balls_differ
+    assert Scene(replace(packing, spread=gp.Uniform(1e-6)), Load("force", 1.0), media="ala").balls_differ
+    # the load is carried by the packings of the sweep, not by equal balls
+    text = MINIMAL.replace("force: 18.446 N", "overlap: -0.1 um")
+    assert Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").is_sweep
+
+
+LISTED = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {discrete: {diameters: [7.999 mm, 8.001 mm], fractions: [0.5, 0.5]}}}
+load:
+  force:
+    - 5 N
+    - 9 N
+medium: [ala, ema]
+sweep: {width: [1 um, 2 um]}
+"""
+
+
+def test_reading_a_sweep_solves_no_list_of_diameters(monkeypatch):
+    """The processes of the sweep do; a law that is known in a moment is asked, and a single state is its own."""
+
+    def solved(*_: object) -> None:
+        raise InputError("solved")
+
+    monkeypatch.setattr("granphon.media.mean_field.EffectiveLaw", solved)
+    scene = Scene.from_text(LISTED)
+    with pytest.raises(SceneError, match="solved"):
+        scene.sweep()
+    for text in (LISTED.replace("discrete: {diameters: [7.999 mm, 8.001 mm], fractions: [0.5, 0.5]}", "normal: 1 um"),
+                 "".join(LISTED.splitlines(keepends=True)[:-2]).replace("    - 9 N\n", "")):  # fmt: skip
+        with pytest.raises(SceneError, match="solved"):
+            Scene.from_text(text)
+
+
+@pytest.mark.parametrize(
+    ("load", "last", "first"),
+    [
+        ("[5 N, 1e-15 N]", r"load\.force\.1: found '1e-15 N'", r"load\.force\.1: found '1e-15 N'"),
+        # before the sweep the least load is tried, and in it the first that fails is named
+        (
+            "{from: 5 N, to: 1e-15 N, points: 9}",
+            r"load\.force\.to: found '1e-15 N'", r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'",
+        ),
+    ],
+)  # fmt: skip
+def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load, last, first):
+    text = LISTED.replace("\n    - 5 N\n    - 9 N\n", f" {load}\n")
+    scene = Scene.from_text(text, "lot.yaml")
+    allowed = r"; allowed: a load that the balls can carry; "
+    with pytest.raises(SceneError, match=rf"^lot\.yaml:4: {last}{allowed}afa, width = 1e-06 m: "):
+        Scene.from_text(text.replace("ala", "afa"), "lot.yaml")
+    where = rf"^lot\.yaml:4: ({last}|{first}){allowed}ema, width = 1e-06 m"
+    with pytest.raises(SceneError, match=where + ": .*Raise the load"):
+        list(scene.states())
+    where = rf"^lot\.yaml:4: {first}{allowed}ema, width = 1e-06 m"
+    with pytest.raises(SceneError, match=where + r", force = \d.* N: .*Raise the load"):
+        scene.sweep()
+    with ProcessPoolExecutor(1) as executor, pytest.raises(SceneError, match=where + r", force = \d.* N: "):
+        scene.sweep(executor=executor)
+    # a scene that was made, or changed, has no file to be named
+    for other in (replace(scene), Scene(scene.packing, scene.load, media=scene.media, parameters=scene.parameters)):
+        with pytest.raises(PrecisionError, match=r"^ema, width = 1e-06 m, force = "):
+            other.sweep()
+
+
+def test_the_line_is_that_of_the_load():
+    scene = Scene.from_text(LISTED.replace("9 N", "1e-15 N"), "lot.yaml")
+    with pytest.raises(SceneError, match=r"^lot\.yaml:6: load\.force\.1: "):
+        scene.sweep()
+
+
+@pytest.mark.parametrize(
+    ("index", "place"),
+    [
+        (0, "load.force.from: found '1 N'"), (1, "load.force: found value 2 of 3 from '1 N' to '9 N'"),
+        (2, "load.force.to: found '9 N'"),
+    ],
+)  # fmt: skip
+def test_an_error_of_a_load_within_a_range_is_placed_at_the_range(monkeypatch, index, place):
+    def refuse(*args, **options):
+        error = InputError("it is refused")
+        error.load_index = index
+        raise error
+
+    monkeypatch.setattr("granphon.sweeps.sweep.sweep_grid", refuse)
+    scene = Scene.from_text(BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 3}"), "range.yaml")
+    with pytest.raises(SceneError, match=rf"^range\.yaml:3: {re.escape(place)}; allowed: a load .*it is refused$"):
+        scene.sweep()
+
+
+def test_an_error_of_a_value_within_a_range_is_placed_at_the_range():
+    # the second of them is the first that is refused
+    with pytest.raises(SceneError, match=r"4: sweep\.width: found value 2 of 3 from '1 um' to '40 mm'; allowed: a value"):
+        Scene.from_text(BALLS + "sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}\n", "range.yaml")
+
+
+def test_other_errors_of_a_sweep_are_their_own(tmp_path):
+    scene = Scene.from_text(LISTED)
+    with pytest.raises(InputError, match=r"^sweep\.csv does not end in \.nc"):
+        scene.sweep(path="sweep.csv")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError):
+        scene.sweep(path=tmp_path / "file" / "sweep.nc")
+
+
+def test_spreads_and_lattices_are_swept():
+    scene = Scene.from_text(MINIMAL + "sweep: {spread: [{uniform: 0 um}, {normal: 1 um}], lattice: [kagome, triangular]}\n")
+    assert dict(scene.parameters) == {"spread": (gp.Uniform(0.0), gp.Normal(1e-6)), "lattice": ("kagome", "triangular")}
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_what_makes_no_sweep(packing):
+    load = Load("force", (1.0, 2.0))
+    with pytest.raises(
+        InputError,
+        match=r"found .dos.; allowed: dos of arrays that a medium: simulation makes, where",
+    ):
+        Scene(packing, load, observe=("dos",))
+    with pytest.raises(InputError, match="found 'bands' with a sweep over lattice"):
+        Scene(packing, load, observe=("bands",), parameters={"lattice": ["kagome"]})
+    with pytest.raises(InputError, match=r"no parameter 'widht'.*width"):
+        Scene(packing, load, parameters={"widht": [1.0]})
+
+
+def test_a_scene_that_no_file_can_hold(packing):
+    rng = np.random.default_rng(0)
+    scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 20_000)))
+    with pytest.raises(InputError, match=r"kB as a text; a scene file holds 100 kB\. Give long lists as a range"):
+        scene.to_yaml()
+    ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_000, "log")))
+    assert len(ranged.to_yaml()) < 1000
+    assert Scene.from_text(ranged.to_yaml()) == ranged
+
+
+# -- quantities -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (LENGTH, "8 mm", 8e-3), (LENGTH, "8mm", 8e-3), (LENGTH, "+8.0e0 mm", 8e-3), (LENGTH, "2.04 um", 2.04e-6),
+        (LENGTH, "2.04 µm", 2.04e-6), (LENGTH, "2.04 μm", 2.04e-6), (LENGTH, "1 inch", 0.0254), (LENGTH, ".5 m", 0.5),
+        (MODULUS, "211.65 GPa", 211.65e9), (MODULUS, "1 N/m^2", 1.0), (MODULUS, "1 N/m²", 1.0), (MODULUS, "1 N*m^-2", 1.0),
+        (MODULUS, "1 psi", 6894.757293168362), (MODULUS, "2 bar", 2e5), (DENSITY, "7.84 g/cm^3", 7840.0),
+        (DENSITY, "7840 kg/m3", 7840.0), (DENSITY, "7840 kg/m**3", 7840.0), (DENSITY, "7840 kg/m³", 7840.0),
+        (LOADS["pressure"], "4 kN/m", 4e3), (LOADS["pressure"], "4 N/mm", 4e3), (LOADS["pressure"], "4 Pa*m", 4.0),
+        (LOADS["force"], "1 kgf", 9.80665), (LOADS["force"], "5e-324 N", 5e-324),
+    ],
+)  # fmt: skip
+def test_quantities(kind: Quantity, text, value):
+    assert kind.read(text) == value
+
+
+def test_zero_and_below_where_they_are_allowed():
+    for text in ("0 um", "-0.0 um", "0e9 m"):
+        assert WIDTH.read(text) == LOADS["overlap"].read(text) == 0.0
+    assert LOADS["overlap"].read("-0.1 um") == -1e-7
+    with pytest.raises(Refused, match=r"which is negative; allowed: a length, zero or above, with its unit"):
+        WIDTH.read("-1 um")
+    with pytest.raises(Refused, match=r"which is tensile .*; allowed: a force above zero"):
+        LOADS["force"].read("-1 N")
+    with pytest.raises(Refused, match=r"; allowed: a length with its unit"):
+        LOADS["overlap"].read("-1e-330 m")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False).filter(bool))
+def test_a_written_quantity_is_read_to_the_last_bit(value):
+    assert LOADS["overlap"].read(LOADS["overlap"].write(value)) == value
+
+
+@given(st.floats(1e-300, 1e290).map(repr), st.sampled_from([("mm", 3), ("um", 6), ("nm", 9), ("m", 0), ("pm", 12)]))
+def test_a_quantity_is_the_float_nearest_to_what_is_written(number, unit):
+    from fractions import Fraction
+
+    assert LENGTH.read(f"{number} {unit[0]}") == float(Fraction(number) / 10 ** unit[1])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "8 m m", "8 mm mm", "8*9 mm", "8/2 mm", "(8) mm", "8 mm + 1 mm", "8,5 mm", "8 e mm", "0x8 mm", "８ mm", "1_000 mm",
+        "8 PA", "8 k", "8 c", "8 m^", "8 m^99", "8 m^0.5", "8 m/m", "8 1/m", "8 m^2", "8 s", "8 K", "8 degC", "8 %", "8 mm.",
+        "8 parsnip", "8 __import__('os')", "mm", "eight mm", "", " ", "nan mm", "inf mm", "-inf mm", "1e999 mm", "1e-999 mm",
+        "1e999999999999 mm", "1e-999999999999 mm", "5e-324 pm", "0 mm", "-0.0 mm", "-8 mm", "8" * 200 + " mm",
+        "8 " + "m*" * 90 + "m", 8, 8.0, 0, True, None, [], ["8 mm"], {}, {"mm": 8}, math.nan, math.inf, 10**400,
+    ],
+)  # fmt: skip
+def test_what_is_no_length(text):
+    with pytest.raises(Refused, match=r"^found .*; allowed: a length above zero with its unit, such as '8 mm'"):
+        LENGTH.read(text)
+
+
+# -- written and read back ------------------------------------------------------------------------------------------
+
+sizes = st.floats(1e-12, 1e12)
+fractions = st.integers(-9, 9).map(lambda n: n / 7) | st.floats(-3, 3)
+points = st.tuples(fractions, fractions, st.just(0.0))
+#: of one overlap over another in a scene
+factors = st.floats(0.5, 2.0)
+
+
+@st.composite
+def spreads(draw: st.DrawFn, diameter: float) -> gp.Uniform | gp.Normal | gp.Discrete | gp.Measured | None:
+    """Of no more than 2e-4 of the diameter."""
+    width = draw(st.floats(1e-9, 2e-4)) * diameter
+    few = [diameter - width / 2, diameter + width / 2]
+    listed = [gp.Discrete(few, (0.5, 0.5)), gp.Measured(few)]
+    return draw(st.sampled_from([None, gp.Uniform(0.0), gp.Uniform(width), gp.Normal(width / 4, 2.0), *listed]))
+
+
+@st.composite
+def loads(draw: st.DrawFn, packing: gp.Packing) -> Load:
+    """Overlaps from 3e-4 to 4e-2 of the diameter, given as one kind or another."""
+    first, factor = draw(st.floats(6e-4, 2e-2)), draw(factors)
+    several = st.integers(3, 60).map(lambda n: space_evenly(first, factor * first, n, draw(st.sampled_from(SCALES))))
+    overlaps = draw(st.just((first,)) | st.lists(factors, min_size=2, max_size=5).map(lambda fs: [f * first for f in fs])
+                    | (several if factor != 1.0 else st.nothing()))  # fmt: skip
+    states = gp.AveragedLattice(packing).at_overlap(np.array(overlaps) * packing.diameter)
+    kind = draw(st.sampled_from([kind for kind in LOADS if packing.lattice == "triangular" or kind != "side_force"]))
+    if kind != "side_force":
+        return Load(kind, getattr(states, kind))
+    return Load(kind, states.force, draw(st.integers(1, 3)))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    material = gp.Material(draw(sizes), draw(st.floats(-0.9, 0.5)), draw(sizes), draw(st.none() | st.floats(1e-3, 1e12)))
+    lattice = draw(st.sampled_from(["triangular", "square", "kagome"]))
+    diameter = draw(st.floats(1e-6, 1e3))
+    friction = lattice != "triangular" or draw(st.booleans())
+    packing = gp.Packing(material, diameter, draw(spreads(diameter)), lattice=lattice, friction=friction)
+    several = st.lists(factors, min_size=1, max_size=2, unique_by=lambda factor: f"{factor:.6g}")
+    parameters = draw(st.just({}) | st.fixed_dictionaries({}, optional={
+        "young_modulus": several.map(lambda fs: [f * material.young_modulus for f in fs]),
+        "poisson_ratio": st.just(space_evenly(0.1, 0.3, 3, "linear")),
+        "density": several.map(lambda fs: [f * material.density for f in fs]),
+        "spread": st.just([gp.Uniform(1e-5 * diameter), gp.Normal(1e-6 * diameter)]),
+        "friction": st.just([friction]),
+        "lattice": st.just([lattice]),
+    }))  # fmt: skip
+    media = ["ala", "afa", "ema", ("ema", "ala"), ()] + [{"ema": {"local_field": "paper"}}] * (lattice == "triangular")
+    finite_overlap = draw(st.booleans())
+    if lattice == "triangular" and not finite_overlap:
+        options = {
+            "shape": st.tuples(*[st.integers(1, 20_000)] * 2),
+            "seed": st.integers(0, 10**18),
+            "samples": st.integers(1, 99),
+        }
+        media.append({"simulation": draw(st.fixed_dictionaries({}, optional=options))})
+    load, choice = draw(loads(packing)), draw(st.sampled_from(media))
+    swept = parameters or len(load.values) > 1 or choice == ("ema", "ala")
+    observables = ["velocities"] if "lattice" in parameters or "friction" in parameters else ["velocities", "bands"]
+    paths = draw(st.none() | st.lists(st.lists(points, min_size=2, max_size=4), min_size=1, max_size=3))
+    band = None
+    if paths is not None:
+        assume(all(a != b for path in paths for a, b in itertools.pairwise(path)))
+        count = sum(map(len, paths))
+        label = st.text(st.characters(categories=["L", "N", "S", "P"], exclude_characters="'\"|"), min_size=1, max_size=6)
+        labels = draw(st.none() | st.lists(label, min_size=count, max_size=count).map(tuple))
+        band = BandPath(tuple(map(tuple, paths)), labels)
+    return Scene(
+        packing, load,
+        media=choice,
+        parameters=parameters,
+        finite_overlap=finite_overlap,
+        observe=tuple(draw(st.sets(st.sampled_from(observables + ["dos"] * (not swept)), min_size=1))),
+        band=band,
+        band_points=draw(st.integers(2, 1000)),
+        mesh=(draw(st.integers(1, 200)), draw(st.integers(1, 200))),
+        dim=draw(st.none() | st.tuples(st.integers(3, 9), st.integers(3, 9))),
+    )  # fmt: skip
+
+
+@pytest.mark.claim("files-all-digits")
+@given(scenes())
+def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
+    again = Scene.from_text(scene.to_yaml())
+    assert again == scene
+    assert again.to_yaml() == scene.to_yaml()
+
+
+def test_a_lattice_of_ones_own_is_written_as_a_block(steel):
+    own = gp.Lattice("mine", ((1.0, 0.0), (0.5, math.sqrt(0.75))))
+    scene = Scene(gp.Packing(steel, 8e-3, lattice=own), Load("force", 1.0))
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+# -- mistakes in Python ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("media", "simulaton"), ("media", {"simulation": {"shape": (16.0, 16)}}),
+        ("media", {"simulation": {"seed": True}}), ("media", ("ala", "emma")), ("media", ("ala", "ala")),
+        ("finite_overlap", 1), ("observe", ()), ("observe", ("bands", "bands")), ("observe", ("noise",)), ("band_points", 1),
+        ("band_points", 2.0), ("mesh", (0, 1)), ("mesh", 8),
+        ("mesh", (8, 8, 2)), ("dim", (2, 3)), ("dim", (3,)),
+    ],
+)  # fmt: skip
+def test_values_that_a_scene_does_not_take(packing, name, value):
+    with pytest.raises(InputError, match=r"found .*allowed: "):
+        Scene(packing, Load("force", 1.0), **{name: value})
+
+
+def test_values_that_a_load_does_not_take(steel):
+    for arguments in (
+        ("weight", 1.0), ("force", 0.0), ("force", math.nan), ("force", 1.0, 31), ("side_force", 1.0), ("force", ()),
+        ("force", (1.0, -1.0)), ("force", "1 N"), ("overlap", math.inf), ("overlap", (1.0, math.nan)),
+    ):  # fmt: skip
+        with pytest.raises(InputError):
+            Load(*arguments)
+    with pytest.raises(InputError, match="whole number"):
+        Load("side_force", 1.0, 0)
+    with pytest.raises(InputError, match=r"the load has the shape \(1, 1\). Give one number, or a list"):
+        Scene(gp.Packing(steel, 8e-3), Load("force", [[1.0]]))
+    with pytest.raises(InputError, match="hexagon"):
+        Scene(gp.Packing(steel, 8e-3, lattice="square"), Load("side_force", 990.0, 31))
+    with pytest.raises(InputError, match="2 labels; allowed: 3"):
+        BandPath.parse("0 0 0 1/2 0 0 0 0 0", "G M")
+
+
+@pytest.mark.parametrize(
+    "paths",
+    [
+        (), [], None, "GKMG", 3, ((),), (((0.0, 0.0, 0.0),),), (((0.0, 0.0), (0.5, 0.0)),),
+        ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)), (((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)),), (((0.0, 0.0, 0.0), (0.5, 0.0)),),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("labels", [None, ()])
+def test_a_band_is_a_path_of_two_points_or_more(paths, labels):
+    with pytest.raises(InputError, match="band"):
+        BandPath(paths, labels)
+
+
+def test_a_path_keeps_plain_numbers():
+    path = BandPath([np.array([[0, 0, 0], [0.5, 0, 0]]), [(0, 0, 0), (1, 1, 0)]], None)
+    assert path.paths == (((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)), ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
+    assert (str(path), hash(path)) == ("0 0 0 1/2 0 0, 0 0 0 1 1 0", hash(BandPath.parse("0 0 0 1/2 0 0, 0 0 0 1 1 0")))
+
+
+# -- anything at all ------------------------------------------------------------------------------------------------
+
+PIECES = [
+    "", " ", "\n", "\n  ", ":", ": ", "- ", "[", "]", "{", "}", ",", "'", '"', "#", "&a ", "*a", "!x ", "|", ">", "?", "%",
+    "@", "!!python/object:a.b ", "~", "null", "true", "yes", "nan", ".inf", "-1", "0", "1e999", "1e-320", "9" * 50, "8 mm",
+    "µ", "\t", "\x00", "\x85", "\ufeff", "\U0001f600", "<<: ", "---", "...", "1/0", "m m", "^2", "1:2:3", "simulation",
+    "kagome", "square",
+]  # fmt: skip
+
+
+SWEPT = (
+    FULL.replace("18.446 N", "{from: 2 N, to: 20 N, points: 40, scale: log}")
+    .replace(", dos", "")
+    .replace(
+        "medium: ema", "medium: [afa, {ema: {local_field: paper}}]\nsweep: {width: [1 um], spread: [{normal: {std: 1 um}}]}"
+    )
+)
+
+
+SIMULATED = FULL.replace("medium: ema", "medium:\n  simulation:\n    shape: 64 64\n    seed: 7\n    samples: 4")
+
+
+@pytest.mark.parametrize("name", [*NAMES, "swept", "simulated"])
+def test_mutated_scenes_are_read_or_refused(name):
+    ours = {"swept": SWEPT, "simulated": SIMULATED}
+    base = ours[name] if name in ours else (PRESETS / f"{name}.yaml").read_text()
+    rng = random.Random(f"a {name}")
+    messages = []
+    for _ in range(250):
+        text = base
+        for _ in range(rng.randint(1, 3)):
+            # of the text that counts, not of the comments
+            spots = [i for i, c in enumerate(text) if "#" not in text[text.rfind("\n", 0, i) + 1 : i + 1]]
+            at = rng.choice(spots or [0])
+            length = rng.choice([0, 0, 1, 2, 5, 20])
+            text = text[:at] + rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))]) + text[at + length :]
+        try:
+            scene = Scene.from_text(text, "mutant.yaml")
+        except SceneError as error:
+            messages.append(str(error))
+        else:
+            assert Scene.from_text(scene.to_yaml()) == scene
+    assert 60 < len(messages) < 250
+    for message in messages:
+        assert message.startswith("mutant.yaml:")
+        assert "\n" not in message
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(raw):
+    with suppress(SceneError):
+        Scene.from_text(raw.decode("latin-1"))
+
+
+@given(st.text(max_size=40), st.sampled_from(["8 mm", "211.65 GPa", "0.276", "18.446 N", "diameter", "load"]))
+def test_any_value_is_taken_or_refused(text, instead_of):
+    with suppress(SceneError):
+        Scene.from_text(MINIMAL.replace(instead_of, text))
+
+
+def test_reading_a_scene_loads_what_it_needs():
+    code = (
+        f"from granphon import Scene; Scene.from_text({MINIMAL!r}); import sys; "
+        "print([m for m in ('phonopy', 'matplotlib', 'ase.calculators', 'spglib', 'typer', 'rich') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        ("force: 1e9 N", "presses the balls together by"),
+        ("force: [5 N, 1e-9 N]", "is below 1e-08"),
+        ("pressure: 1e-9 N/m", "is below 1e-08"),
+        ("overlap: -3 um", "no balls touch"),
+        ("overlap: 9 mm", "presses the balls together by"),
+    ],
+)
+def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words, monkeypatch):
+    monkeypatch.setattr("granphon.media.equilibria.equilibrate", None)
+    text = SIMULATION.replace("force: 5 N", load) + "medium: {simulation: {shape: 8 8}}\n"
+    with pytest.raises(SceneError, match=f"load.*{words}"):
+        Scene.from_text(text)
+
+
+def test_a_simulation_beyond_the_memory_is_refused(monkeypatch):
+    scene = Scene.from_text(SIMULATION + "medium: {simulation: {shape: 64 64}}\n")
+    assert scene.cost() is not None
+    monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 1e7)
+    with pytest.raises(
+        SceneError, match=r"medium: simulation of 4,096 balls, 3 equilibria: .* has 0.01 GB .*available.*simulation\.shape"
+    ):
+        scene.cost()
+
+
+@pytest.mark.parametrize("loads", ["[1 N, 1 N, 1 N]", "[1 N, 2 N, 1 N]", "[3 N, 2 N, 1 N]", "[2 N, 2 N]"])
+def test_loads_of_any_order_come_back(loads):
+    scene = Scene.from_text(
+        "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
+        f"packing: {{diameter: 1 mm}}\nload: {{force: {loads}}}\n"
+    )
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+# -- counted before it is enumerated ------------------------------------------------------------------------------------
+
+BALLS = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2 um}}
+load: {force: 5 N}
+"""
+WIDTHS = "sweep: {width: {from: 1 um, to: 3 um, points: 1000}, density: {from: 7 g/cm^3, to: 8 g/cm^3, points: 100}}\n"
+
+
+@pytest.mark.parametrize("medium", ["ema", "simulation", "auto"])
+def test_of_very_many_packings_the_ends_are_looked_at(medium, monkeypatch):
+    made = []
+    monkeypatch.setattr("granphon.balls.packing.Packing.__post_init__", lambda self: made.append(self))
+    scene = Scene.from_text(BALLS.replace("5 N", "50 N") + f"medium: {medium}\n" + WIDTHS)
+    cost = scene.cost()
+    states, left = scene.survey()
+    assert len(list(states)) == (0 if medium == "simulation" else 4)
+    assert left == "all but the ends of 100,000 states"
+    assert len(made) < 100
+    assert "100,000 states" in cost.text
+    if medium == "simulation":
+        assert cost.equilibria == 300_000
+        (dearest,) = {
+            estimate(
+                gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), Load("force", 50.0), exponents=True
+            ).work
+        }
+        assert cost.work == pytest.approx(1e5 * dearest)
+
+
+def test_the_first_value_that_a_packing_cannot_have_is_named():
+    with pytest.raises(SceneError, match=r"<scene>:4: sweep.width.2: found '17 mm'; allowed: a value that the packing"):
+        Scene.from_text(BALLS + "sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}\n")
+    with pytest.raises(SceneError, match=r"<scene>:4: sweep: width = 0.01 m, diameter = 0.004 m: the smallest ball"):
+        Scene.from_text(BALLS + "sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}\n")
+
+
+@pytest.mark.claim("memory-refused")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}") + WIDTHS, "4: sweep: 20,000,000,000 states: about "),
+        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}"), "3: load.force: 200,000 states: about 560 MB"),
+        (
+            BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 100}") + "observe: [bands]\nphonopy: {band_points: 100000}",
+            "5: phonopy.band_points: 100 states with 900,000 frequencies each: about ",
+        ),
+        (
+            BALLS + "observe: [bands]\nphonopy: {band_points: 100000}",
+            "5: phonopy.band_points: bands at 300,000 wave vectors",
+        ),
+        (BALLS + "observe: [dos]\nphonopy: {mesh: 4096 4096 1}", "5: phonopy.mesh: density of states on 4096 x 4096 "),
+        (BALLS + "observe: [bands]\nphonopy: {dim: 100 100 1}", "5: phonopy.dim: force constants of 100 x 100 cells: "),
+    ],
+)
+def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
+    scene = Scene.from_text(text)
+    monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 4e8)
+    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.of"):
+        monkeypatch.setattr(name, None)
+    with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
+        scene.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "observe: [spectrum]\nspectrum: {resolution: 0.06 Hz, points: 1000}\nmedium: {simulation: {shape: 4096 4096}}",
+            r"6: medium: simulation of .*; waves in 16,777,216 balls: about .* days, %s.*fewer wave vectors",
+        ),
+        (
+            "medium: {simulation: {shape: 16384 16384, samples: 10000}}",
+            "4: medium: simulation of 268,435,456 balls, .* days, %s.*Take fewer balls",
+        ),
+    ],
+)
+def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
+    monkeypatch.setattr("granphon.media.cost._measure_time_per_ball", lambda: 1e-3)
+    scene = Scene.from_text(BALLS + text)
+    monkeypatch.setattr("granphon.media.cost.available_memory", lambda: math.inf)
+    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.of"):
+        monkeypatch.setattr(name, None)
+    with pytest.raises(SceneError, match="<scene>:" + words % "and no run may take more than 10,000 days on one processor"):
+        scene.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_long_lists_are_left_to_the_run(monkeypatch, tmp_path):
+    sizes = 8e-3 + 1e-6 * np.random.default_rng(1).normal(size=1000)
+    (tmp_path / "lot.csv").write_text("diameter (m)\n" + "".join(f"{size!r}\n" for size in sizes.tolist()))
+    mean = gp.Measured(sizes).mean
+    text = BALLS.replace("8 mm", f"{mean!r} m").replace("uniform: 2 um", "measured: lot.csv")
+    solved = []
+    monkeypatch.setattr("granphon.laws.effective.solve_curve", lambda *_: solved.append(1))
+    for medium, few in (("ema", 0), ("[ala, ema]", 1)):
+        (tmp_path / "scene.yaml").write_text(text + f"medium: {medium}\n")
+        states, left = Scene.from_yaml(tmp_path / "scene.yaml").survey()
+        assert len(list(states)) == few
+        assert left == "the effective medium of long lists of diameters"
+    assert not solved

@@ -1,0 +1,1302 @@
+"""Scenes of many states, carried out: the data set, the files, workers, interruptions."""
+
+import errno
+import json
+import math
+import multiprocessing
+import os
+import pickle
+import re
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor
+from dataclasses import replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+
+import ase.io
+import numpy as np
+import pytest
+import yaml
+from numpy.testing import assert_array_equal
+
+import granphon as gp
+from granphon.balls.lattices import LATTICES
+from granphon.balls.loads import Load
+from granphon.base.errors import FileExistsInRunError, InputError
+from granphon.base.staging import LIST, LOCK, ResultFiles
+from granphon.cli.commands import main
+from granphon.cli.wording import write_uncertain
+from granphon.scene.redraw import redraw
+from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
+from granphon.scene.results import RunResult
+from granphon.scene.run import is_complete
+from granphon.scene.scene import Scene
+from granphon.sweeps.archive import load_sweep
+from granphon.sweeps.store import read_entries
+from granphon.sweeps.sweep import sweep
+from granphon.sweeps.workers import Workers
+from tests.conftest import only
+
+SWEEP = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: {from: 2 N, to: 20 N, points: 6}}
+medium: [ala, afa, ema]
+sweep: {width: [1 um, 2 um]}
+"""
+ONE = SWEEP.replace("{from: 2 N, to: 20 N, points: 6}", "3 N").replace("[ala, afa, ema]", "ema").replace("sweep", "# sweep")
+ALL = {"scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep.png"}
+
+
+needs_distributed = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder with a scene in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SWEEP, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of that scene, carried out in one go."""
+    folder = tmp_path_factory.mktemp("whole")
+    Scene.from_text(SWEEP).run(folder / "out")
+    return folder / "out"
+
+
+def summary(folder: str) -> dict:
+    return yaml.safe_load((Path(folder) / "summary.yaml").read_text())
+
+
+def listed(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()} - {LIST, LOCK}
+
+
+def count_parts(folder: Path) -> int:
+    """The number of results in the store of a folder."""
+    return len(dict(read_entries(folder / WORK_FILE))) if (folder / WORK_FILE).exists() else 0
+
+
+def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
+    """Let the step after ``count`` others fail; the names of the tasks of those that were begun."""
+    from granphon.sweeps.jobs import Job, _SampleJob
+
+    begun: list[str] = []
+
+    def counted(solve):
+        def solved(task, before=None):
+            begun.append(task.where)
+            if len(begun) > count:
+                raise error
+            return solve(task, before)
+
+        return solved
+
+    for kind in (Job, _SampleJob):
+        monkeypatch.setattr(kind, "solve", counted(kind.solve))
+    return begun
+
+
+# -- one state ------------------------------------------------------------------------------------------------------
+
+
+def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
+    (work / "scene.yaml").write_text(ONE)
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    packing = Scene.from_text(ONE).packing
+    medium = gp.EffectiveMedium(packing)
+    state, got = medium.at_force(3.0), summary("out")
+    for name in state.units:
+        assert got[name] == getattr(state, name)
+    assert (got["medium"], got["regime"], got["valid"]) == ("ema", "intermediate", True)
+    assert got["exponent"] == gp.local_exponent(state)
+    assert got["width"] == 2.04e-6
+    assert got["local_field"] == {name: getattr(medium.local_field, name) for name in ("alpha", "beta", "xi")}
+    assert got["longitudinal"] == gp.sound_velocities(state).longitudinal
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_lattice_without_a_pressure_has_none_in_its_summary(work, monkeypatch):
+    chained = gp.Lattice("chained", ((1.0, 0.0), (0.3, np.sqrt(0.91))))
+    monkeypatch.setitem(LATTICES, chained.name, chained)
+    packing = replace(Scene.from_text(ONE).packing, spread=None, lattice=chained.name)
+    got = Scene(packing, Load("force", (3.0,))).run("out").summary()
+    assert "pressure" not in got
+    assert got["force"] == 3.0
+
+
+def test_the_printed_local_field_reaches_the_summary(work):
+    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: {ema: {local_field: paper}}"))
+    result = Scene.from_yaml("scene.yaml").run("out")
+    medium = gp.EffectiveMedium(result.state.packing, local_field="paper")
+    assert result.state == medium.at_force(3.0)
+    got = summary("out")
+    assert (got["medium"], got["local_field"]["alpha"]) == ("ema(local_field=paper)", 0.585405)
+
+
+def test_bands_are_those_of_the_medium(work):
+    (work / "scene.yaml").write_text(ONE + "observe: [bands]\nphonopy: {band_points: 3}\n")
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    state = gp.EffectiveMedium(result.state.packing).at_force(3.0)
+    np.testing.assert_array_equal(result.bands.frequencies, gp.Phonons(state).bands("GKMG", npoints=3).frequencies)
+
+
+def test_equal_balls_and_other_media_have_no_local_field(work):
+    for text in (ONE.replace("2.04 um", "0 um"), ONE.replace("medium: ema", "medium: afa")):
+        assert "local_field" not in Scene.from_text(text).run("out", force=True).summary()
+
+
+def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
+    (work / "scene.yaml").write_text(ONE.replace("3 N", "1 N"))
+    told = "granphon: warning: ema is not reliable below 1.592 N: the contact force is 1 N.\n"
+    assert main(["check", "scene.yaml"]) == 0
+    assert capsys.readouterr().err == told
+    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    assert capsys.readouterr().err == told
+    got = summary("out")
+    assert (got["valid"], got["ok"]) == (False, False)
+    assert [check["name"] for check in got["validity"] if not check["ok"]] == ["medium"]
+    assert got["warnings"] == [told.removeprefix("granphon: warning: ").strip()]
+
+
+def test_the_exponent_belongs_to_the_limit_of_small_overlap(work):
+    text = ONE.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true")
+    assert "exponent" not in Scene.from_text(text).run("out").summary()
+
+
+# -- simulations ----------------------------------------------------------------------------------------------------
+
+SIMULATED = ONE.replace("medium: ema", "medium: {simulation: {shape: 16 16, seed: 4, samples: 3}}")
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"), only([("overlap", "0.4 um")], [("force", "3 N"), ("pressure", "600 N/m"), ("overlap", "0.4 um")])
+)
+def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, value):
+    text = SIMULATED.replace("force: 3 N", f"{kind}: {value}")
+    (work / "scene.yaml").write_text(text)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "sample.extxyz", "forces.png"}
+    assert set(expected_files(Scene.from_text(text).plan)) == listed(work / "out")
+    scene = Scene.from_yaml("out/scene.yaml")
+    assert scene == Scene.from_text(text)
+    medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
+    state = getattr(medium, f"at_{kind}")(scene.load.values[0])
+    got, velocities, constants = summary("out"), gp.sound_velocities(state), gp.moduli(state)
+    expected = {name: value for name in (*state.units, "regime") if (value := getattr(state, name)) is not None}
+    for name in ("longitudinal", "transverse"):
+        expected |= {name: getattr(velocities, name), f"{name}_error": getattr(velocities, f"{name}_error")}
+        assert write_uncertain(expected[name], expected[f"{name}_error"], "m/s") in out
+    for name in ("bulk", "shear"):
+        expected |= {name: getattr(constants, name), f"{name}_error": getattr(constants, f"{name}_error")}
+    found, given = ("force", "overlap") if kind == "overlap" else ("overlap", "force")
+    expected |= {f"{found}_error": state.standard_error(found), "exponent": gp.local_exponent(state)}
+    expected["exponent_error"] = state.exponent_error
+    assert {name: got[name] for name in expected} == expected
+    assert f"{given}_error" not in got
+    assert "contact_force_fluctuation" in got
+    assert set(got["units"]) >= set(expected) - {"regime"}
+    assert got["medium"] == "simulation(samples=3, seed=4, shape=16 16)"
+    assert (got["ok"], got["warnings"]) == (True, [])
+    assert (work / "out" / "forces.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_sample_is_read_by_ase(work):
+    (work / "scene.yaml").write_text(SIMULATED)
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "sample.extxyz"}
+    atoms, sample = ase.io.read("out/sample.extxyz"), result.state.sample
+    assert sample.seed == 4
+    assert (len(atoms), atoms.pbc.tolist()) == (256, [True, True, False])
+    d = result.state.packing.diameter
+    np.testing.assert_allclose(2.0 * d * atoms.get_array("radius"), sample.diameters.ravel(), atol=1e-14 * d)
+    np.testing.assert_array_equal(atoms.positions, sample.atoms().positions)
+    assert atoms.info["granphon_length_m"] == d
+    assert np.mean(atoms.get_array("contact_force")) == pytest.approx(1.0, rel=1e-12)
+    assert "ase" in summary("out")["versions"]
+
+
+def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
+    text = SIMULATED + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
+    (work / "scene.yaml").write_text(text)
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    told = "granphon: warning: bands and densities of states are those of a regular lattice with the mean stiffness"
+    err = capsys.readouterr().err
+    assert err.startswith(told)
+    assert "sample_dos" in err
+    assert "longitudinal" not in summary("out")
+    assert summary("out")["warnings"][0].startswith("bands and densities of states")
+    state = Scene.from_text(text).state()
+    result = gp.Bands.read("out/band.yaml")
+    expected = gp.Phonons(state).bands("GKMG", npoints=3).frequencies
+    np.testing.assert_allclose(result.frequencies, expected, atol=1e-8 * expected.max())
+    # the long waves of the scene are drawn without simulating it
+    assert main(["plot", "out", "--asymptotes", "--force"]) == 0
+
+
+def test_without_friction_or_of_one_sample_there_is_no_error(work):
+    text = SIMULATED.replace(", samples: 3", "").replace("8 mm,", "8 mm, friction: false,")
+    result = Scene.from_text(text).run("out", figures=False)
+    assert [name for name in result.summary() if name.endswith("_error")] == ["exponent_error"]
+    # but for one that is said not to be known
+    assert math.isnan(result.summary()["exponent_error"])
+    assert result.warnings == ("the standard error of the exponent is not known (nan) from one sample: take two or more",)
+    assert math.isnan(summary("out")["exponent_error"])
+    equal = Scene.from_text(text.replace(", spread: {uniform: 2.04 um}", "")).run("equal", figures=False)
+    assert (equal.summary()["exponent_error"], equal.warnings) == (0.0, ())
+    assert result.summary()["contact_force_fluctuation"] > result.summary()["force_fluctuation"]
+
+
+def test_another_result_leaves_no_sample_behind(work):
+    Scene.from_text(SIMULATED).run("out")
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == ALL - {"sweep.png"}
+
+
+def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsys, monkeypatch):
+    def simulated(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(gp.DirectSimulation, "at", simulated)
+    many = SIMULATED.replace("3 N", "[3 N, 1 N]").replace("medium: {", "medium: [ema, {").replace("3}}", "3}}]")
+    for text, count in (
+        (SIMULATED, 9),
+        (many, 18),
+    ):  # three samples at each load, each with two equilibria more for the exponent
+        (work / "scene.yaml").write_text(text)
+        cost = Scene.from_text(text).cost()
+        assert cost.equilibria == count
+        assert main(["check", "scene.yaml"]) == 0
+        out, err = capsys.readouterr()
+        assert f"  will take             {cost.text} on one processor\n" in out
+        assert f"simulation of 256 balls, {count} equilibria: about 80 MB and " in out
+    # of the medium that is solved in a moment, limits are told
+    assert err.startswith("granphon: warning: ema is not reliable below ")
+    assert err.count("\n") == 1
+
+
+def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
+    (work / "scene.yaml").write_text(SIMULATED)
+    monkeypatch.setattr("granphon.cli.scenes._LONG", 0.0)
+    assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 0
+    assert capsys.readouterr().err == f"granphon: {Scene.from_text(SIMULATED).cost().text} on one processor\n"
+    assert main(["run", "scene.yaml", "-o", "out", "--no-figures", "--force", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch, capsys):
+    text = SIMULATED.replace("3 N", "[9 N, 5 N]").replace("16 16", "8 8")
+    (work / "scene.yaml").write_text(text)
+    assert main(["run", "scene.yaml", "-o", "one", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    one = load_sweep("one/sweep.nc")
+    assert one.identical(load_sweep("two/sweep.nc"))
+    assert (work / "one" / "sweep.csv").read_text() == (work / "two" / "sweep.csv").read_text()
+    assert "longitudinal_error (m/s)" in (work / "one" / "sweep.csv").read_text().splitlines()[0]
+    with monkeypatch.context() as patch:
+        begun = interrupted_after(3, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 130
+    told = "simulation(samples=3, seed=4, shape=8 8), seed "
+    assert begun == [f"{told}{seed}" for seed in (4, 4, 5, 5)]
+    assert capsys.readouterr().err.endswith("are kept: run the same command again to continue.\n")
+    with monkeypatch.context() as patch:
+        begun = interrupted_after(99, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 0
+    # in the middle of a sample
+    assert begun == [f"{told}{seed}" for seed in (5, 6, 6)]
+    assert one.identical(load_sweep("cut/sweep.nc"))
+
+
+# -- many -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "new/out"]) == 0
+    out, err = capsys.readouterr()
+    assert "36" in out
+    assert "Wrote scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png into new/out" in out
+    assert listed(work / "new" / "out") == ALL
+    scene = Scene.from_yaml("scene.yaml")
+    assert Scene.from_yaml("new/out/scene.yaml") == scene
+    saved = load_sweep("new/out/sweep.nc")
+    force = np.geomspace(2.0, 20.0, 6)
+    direct = sweep(scene.packing, force=force, media=("ala", "afa", "ema"), width=[1e-6, 2e-6])
+    assert saved.identical(direct)
+    for width, packing in ((1e-6, gp.Uniform(1e-6)), (2e-6, gp.Uniform(2e-6))):
+        state = gp.EffectiveMedium(gp.Packing(scene.packing.material, 8e-3, packing)).at_force(force)
+        one = saved.sel(medium="ema", width=width)
+        np.testing.assert_array_equal(one["longitudinal"], gp.sound_velocities(state).longitudinal)
+    got = summary("new/out")
+    assert got["sizes"] == {"load": 6, "medium": 3, "width": 2}
+    assert (got["states"], got["medium"]) == (36, ["ala", "afa", "ema"])
+    assert got["force"] == [2.0, 20.0]
+    assert got["longitudinal"] == [float(direct["longitudinal"].min()), float(direct["longitudinal"].max())]
+    assert got["units"]["longitudinal"] == "m/s"
+    assert got["valid"] is False
+    told = [f"granphon: warning: {text}" for text in got["warnings"]]
+    assert err.splitlines() == told
+    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: ala is not reliable below ")
+    assert set(got["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
+    assert (work / "new" / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("kind", "values"), [("pressure", "[4 kN/m, 1 kN/m]"), ("overlap", "[1 um, -0.3 um]")])
+def test_every_kind_of_load_is_swept(work, kind, values):
+    text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", f"{kind}: {values}").replace("[ala, afa, ema]", "afa")
+    result = Scene.from_text(text).run("out", figures=False)
+    given = Scene.from_text(text).load.values
+    np.testing.assert_array_equal(result.dataset[kind], given)
+    state = getattr(gp.AveragedForce(gp.Packing(result_material(result), 8e-3, gp.Uniform(1e-6))), f"at_{kind}")(given)
+    np.testing.assert_array_equal(result.dataset["normal_stiffness"].sel(medium="afa", width=1e-6), state.normal_stiffness)
+
+
+def result_material(result: RunResult) -> gp.Material:
+    return gp.Material(**{k: v for k, v in json.loads(result.dataset.attrs["packing"])["material"].items() if k != "class"})
+
+
+def test_a_parameter_with_one_value_makes_a_sweep_of_one(work):
+    text = SWEEP.replace("[1 um, 2 um]", "[2 um]").replace("{from: 2 N, to: 20 N, points: 6}", "3 N")
+    text = text.replace("[ala, afa, ema]", "ema")
+    result = Scene.from_text(text).run("out")
+    assert listed(work / "out") == ALL
+    assert result.dataset["longitudinal"].shape == (1, 1, 1)
+    assert result.summary()["sizes"] == {"load": 1, "medium": 1, "width": 1}
+    with pytest.raises(InputError, match=r"that of a sweep.*Take its dataset"):
+        _ = result.state
+
+
+def test_a_side_force_is_swept_as_the_force_of_the_contacts(work):
+    text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", "side_force: [100 N, 990 N], balls_per_side: 31")
+    result = Scene.from_text(text).run("out", figures=False)
+    np.testing.assert_array_equal(result.dataset["force"], Scene.from_text(text).load.applied.array)
+
+
+def test_finite_overlap_and_bands_reach_a_sweep(work):
+    text = SWEEP.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true").replace("points: 6", "points: 2")
+    text += "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: Gamma K, band_points: 3}\n"
+    result = Scene.from_text(text).run("out", figures=False)
+    packing = gp.Packing(result_material(result), 8e-3, gp.Uniform(2e-6))
+    state = gp.EffectiveMedium(packing).at_force(20.0, finite_overlap=True)
+    expected = gp.Phonons(state).frequencies([[0, 0, 0], [1 / 6, 1 / 6, 0], [1 / 3, 1 / 3, 0]])
+    got = result.dataset["frequencies"].sel(medium="ema", width=2e-6).isel(load=1, segment=0)
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-9)
+    assert result.dataset["labels"].values.tolist() == ["Gamma", "K"]
+    # the path was given in numbers, and the frequencies are those of C(q)
+    assert set(summary("out")["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
+    assert set(json.loads(result.dataset.attrs["versions"])) == set(summary("out")["versions"])
+
+
+def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
+    text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
+    scene = Scene.from_text(text)
+    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
+    scene.run("out")
+    assert listed(work / "out") == ALL - {"sweep.png"}
+    (work / "scene.yaml").write_text(text)
+    said = "sweep.png: its lines show one parameter, and friction and width vary; sweep.csv has the numbers"
+    for words, heading, told in (
+        (["check", "scene.yaml"], "will not draw", True),
+        (["run", "scene.yaml", "-o", "drawn"], "not drawn", True),
+        (["run", "scene.yaml", "-o", "numbers", "--no-figures"], "not drawn", False),
+    ):
+        assert main(words) == 0
+        lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+        assert (f"{heading} {said}" in lines) == told
+    one = Scene.from_text(text.replace("[true, false]", "[true]"))
+    assert "sweep.png" in expected_files(one.plan)
+    assert "sweep.png" not in expected_files(one.plan, figures=False)
+
+
+def test_many_measured_diameters_are_kept_with_the_result(work):
+    rows = [7.999, 8.000, 8.001] * 400
+    (work / "balls.csv").write_text("size (mm)\n" + "".join(f"{row}\n" for row in rows))
+    text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
+    (work / "scene.yaml").write_text(text)
+    scene = Scene.from_yaml("scene.yaml")
+    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
+    result = scene.run("out")
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "diameters.csv"}
+    assert Scene.from_yaml("out/scene.yaml") == scene
+    assert Scene.from_yaml("out/scene.yaml").run("again").state == result.state
+    # a later result without it removes it
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == ALL - {"sweep.png"}
+
+
+def test_what_no_run_has_written_is_not_removed(work):
+    Scene.from_text(ONE).run("out")
+    (work / "out" / "diameters.csv").write_text("mine")
+    (work / "out" / "sample.extxyz").write_text("mine")
+    Scene.from_text(ONE).run("out", force=True)
+    for name in ("diameters.csv", "sample.extxyz"):
+        assert (work / "out" / name).read_text() == "mine"
+    (work / "out" / "summary.yaml").write_text("files: 3")
+    with pytest.raises(FileExistsInRunError, match=r"summary\.yaml: granphon wrote it, and it has been changed since"):
+        Scene.from_text(ONE).run("out", force=True)
+    assert (work / "out" / "summary.yaml").read_text() == "files: 3"
+
+
+@pytest.mark.exhaustive
+def test_a_long_summary_hides_no_file_of_the_earlier_run(work):
+    names = ", ".join(f"{0.5 + 0.001 * n:.3f} um" for n in range(1000))
+    text = SWEEP.replace("[1 um, 2 um]", f"[{names}]").replace("points: 6", "points: 2").replace("[ala, afa, ema]", "ala")
+    Scene.from_text(text).run("out", figures=False)
+    assert (work / "out" / "summary.yaml").stat().st_size > 100_000
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == ALL - {"sweep.png"}
+
+
+def measured_scene(folder: Path) -> bytes:
+    """A scene in its own result folder, with a table that has the name of a result file."""
+    rows = [7.999, 8.000, 8.001] * 400
+    (folder / "diameters.csv").write_text("size (mm)\n" + "".join(f"{row}\n" for row in rows))
+    (folder / "scene.yaml").write_text(
+        "# mine\n" + ONE.replace("{uniform: 2.04 um}", "{measured: diameters.csv}").replace("medium: ema", "medium: afa")
+    )
+    return (folder / "scene.yaml").read_bytes() + (folder / "diameters.csv").read_bytes()
+
+
+def test_force_never_replaces_what_the_run_reads(work, capsys):
+    before = measured_scene(work)
+    for words in (["-o", "."], ["-o", ".", "--force"], ["-o", str(work), "--force"]):
+        assert main(["run", "scene.yaml", *words]) == 1
+        assert "is read by this run, and would be overwritten" in capsys.readouterr().err
+    assert (work / "scene.yaml").read_bytes() + (work / "diameters.csv").read_bytes() == before
+    assert listed(work) == {"scene.yaml", "diameters.csv"}
+
+
+def test_a_result_that_is_read_again_is_not_removed_as_old(work):
+    measured_scene(work)
+    Scene.from_yaml("scene.yaml").run("out")
+    (work / "again.yaml").write_text(ONE.replace("{uniform: 2.04 um}", "{measured: {file: out/diameters.csv}}"))
+    again = Scene.from_yaml("again.yaml")
+    assert [path.name for path in again.inputs] == ["again.yaml", "diameters.csv"]
+    with pytest.raises(FileExistsInRunError, match="is read by this run"):
+        again.run("out", force=True)
+    swept = Scene.from_text(SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]"))
+    assert swept.inputs == (Path("out/diameters.csv"),)
+
+
+def test_a_folder_has_one_run_at_a_time(work, capsys):
+    with ResultFiles("out", ["x"]).open():
+        assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "another run is writing into out" in capsys.readouterr().err
+    assert not (work / "out").exists()
+
+
+def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys):
+    labels = "observe: [bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: [$\\Gama$, K], band_points: 3}\n"
+    (work / "wrong.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + labels)
+    assert main(["check", "wrong.yaml"]) == 0
+    capsys.readouterr()
+    assert main(["run", "wrong.yaml", "-o", "out"]) == 0
+    out, err = capsys.readouterr()
+    assert "bands.png could not be drawn" in err
+    assert "bands.png" not in out
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), "band.yaml", "phonopy_params.yaml"}
+    written = summary("out")
+    assert any("bands.png could not be drawn" in warning for warning in written["warnings"])
+    assert set(written["files"]) == listed(work / "out")
+    assert main(["plot", "out"]) == 1
+    out, err = capsys.readouterr()
+    assert err.startswith("granphon: error: bands.png could not be drawn")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("failure", [ValueError("odd"), RuntimeError("latex was not able"), MemoryError()])
+def test_any_failure_of_a_figure_leaves_the_numbers(work, monkeypatch, failure):
+    def fail(*_: object, **__: object) -> None:
+        raise failure
+
+    scene = Scene.from_yaml("scene.yaml")
+    scene.run("out")
+    assert listed(work / "out") == ALL
+    monkeypatch.setattr("granphon.figures.sweeps.sweep_figure", fail)
+    result = scene.run("out", force=True)
+    # nor does the picture of an earlier run stay beside other numbers
+    assert listed(work / "out") == ALL - {"sweep.png"}
+    assert any("sweep.png could not be drawn" in warning for warning in result.warnings)
+    assert {path.name for path in result.files} == ALL - {"sweep.png"}
+
+
+def test_a_backend_of_the_environment_does_no_harm(work):
+    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    for backend in ("module://not.there", "nonsense"):
+        words = [sys.executable, "-m", "granphon", "run", "scene.yaml", "-o", backend[:4], "-q"]
+        done = subprocess.run(words, env={**os.environ, "MPLBACKEND": backend}, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert (work / backend[:4] / "dos.png").exists()
+
+
+FIT = "force (N),velocity (m/s)\n" + "".join(f"{f},{v}\n" for f, v in ((2, 460), (4, 550), (9, 668), (18, 772)))
+
+
+@pytest.mark.parametrize(
+    ("words", "numbers"),
+    [
+        (("run", "scene.yaml", "-o", "out", "-q"), "dos.csv"),
+        (("fit", "scene.yaml", "data.csv", "-o", "out"), "fit.yaml"),
+        pytest.param(
+            ("tradeoff", "scene.yaml", "-o", "out", "--budget", "1 s", "-q"), "tradeoff.csv", marks=pytest.mark.exhaustive
+        ),
+    ],
+)
+def test_settings_that_keep_matplotlib_from_being_imported_leave_the_numbers(work, words, numbers):
+    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    (work / "data.csv").write_text(FIT)
+    (work / "rc").write_bytes(b"\xff\xfe\x00")
+    environment = os.environ | {"MATPLOTLIBRC": str(work / "rc")}
+
+    def granphon(*words):
+        call = [sys.executable, "-m", "granphon", *words]
+        return subprocess.run(call, env=environment, capture_output=True, text=True)
+
+    done = granphon(*words)
+    assert done.returncode == 0
+    (told,) = [line for line in done.stderr.splitlines() if "could not be drawn" in line]
+    assert told.startswith("granphon: warning: ")
+    assert "matplotlib cannot be imported" in told
+    assert str(work / "rc") in told
+    assert "Traceback" not in done.stderr
+    assert (work / "out" / numbers).is_file()
+    assert not list((work / "out").glob("*.png"))
+    if words[0] == "run":
+        done = granphon("plot", "out")
+        assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+        assert done.stderr.startswith("granphon: error: matplotlib cannot be imported: ")
+
+
+def test_a_result_of_another_kind_is_replaced_as_a_whole(work):
+    Scene.from_text(SWEEP).run("out")
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == ALL - {"sweep.png"}
+    Scene.from_text(SWEEP).run("out", force=True)
+    assert listed(work / "out") == ALL
+    assert set(RESULT_FILES) >= ALL
+
+
+# -- side by side, and cut off --------------------------------------------------------------------------------------
+
+
+def test_workers_give_the_same_numbers(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "one", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    assert listed(work / "two") == ALL
+    assert load_sweep("two/sweep.nc").identical(load_sweep("one/sweep.nc"))
+    assert (work / "two" / "sweep.csv").read_bytes() == (work / "one" / "sweep.csv").read_bytes()
+    capsys.readouterr()
+    for count, limit in (("0", "1"), ("1000000", "1024")):
+        assert main(["run", "scene.yaml", "-o", "three", "--workers", count]) == 2
+        err = capsys.readouterr().err
+        assert "--workers" in err
+        assert limit in err
+    assert not (work / "three").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a pipe with a name")
+def test_there_are_no_more_workers_than_calls(work):
+    os.mkfifo("pipe")  # who opens it for reading waits for who opens it for writing
+    with Workers(1024) as executor:
+        assert not multiprocessing.active_children()
+        assert executor.submit(abs, -1).result() == 1
+        assert len(multiprocessing.active_children()) == 1
+        both = [executor.submit(os.open, "pipe", mode) for mode in (os.O_RDONLY, os.O_WRONLY)]
+        assert len(multiprocessing.active_children()) == 2
+        assert all(future.result() > 0 for future in both)
+    assert not multiprocessing.active_children()
+
+
+def test_a_worker_that_cannot_be_started_is_an_error(work, monkeypatch, capsys):
+    def start(process):
+        raise BlockingIOError(errno.EAGAIN, "no more processes")
+
+    monkeypatch.setattr("multiprocessing.process.BaseProcess.start", start)
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
+    out, err = capsys.readouterr()
+    told = "worker process 1 cannot be started: no more processes. Take fewer --workers."
+    assert (out, err) == ("", f"granphon: error: {told}\n")
+    assert listed(work) == {"scene.yaml"}
+
+
+#: a module whose import in a worker process kills that process
+DEADLY = """
+import multiprocessing, os, signal
+
+def advance(*orders):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
+def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
+    (work / "deadly.py").write_text(DEADLY)
+    monkeypatch.syspath_prepend(work)
+    import deadly  # by name, so that the worker finds it
+
+    monkeypatch.setattr("granphon.sweeps.tasks.advance", deadly.advance)
+    monkeypatch.setattr("granphon.sweeps.tasks.MOST_LOSSES", 2)
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    told = r"(ala|afa), width = [12]e-06 m: the worker process that did it has ended, 2 times\. It was killed, or ran out of"
+    assert re.search(told, err)  # which of the first tasks it is depends on which worker was first
+    assert listed(work) == {"scene.yaml", "deadly.py"}
+    assert not multiprocessing.active_children()
+
+
+def fail_to_converge():
+    from scipy.sparse.linalg import ArpackNoConvergence
+
+    raise ArpackNoConvergence("none", np.zeros(0), np.zeros(0))
+
+
+def test_errors_come_back_from_workers_as_they_are():
+    with Workers(2) as executor:
+        assert list(executor.map(math.sqrt, [4.0, 9.0])) == [2.0, 3.0]
+        with pytest.raises(ValueError, match="math domain error") as caught:
+            executor.submit(math.sqrt, -1.0).result()
+        assert "Traceback" in str(caught.value.__cause__)  # that of the worker process
+        with pytest.raises(pickle.PicklingError, match="pickle"):  # what cannot come back
+            executor.submit(eval, "lambda: 0").result()
+        with pytest.raises(RuntimeError, match=r"ArpackNoConvergence: .*none"):  # an error that cannot
+            executor.submit(fail_to_converge).result()
+        with pytest.raises(AttributeError, match="pickle"):  # what cannot go there
+            executor.submit(lambda: 0).result()
+        assert executor.submit(abs, -1).result() == 1
+    assert not multiprocessing.active_children()
+
+
+def end_within_a_result():
+    """End this process by force when half of the result is on its way."""
+    from multiprocessing.connection import Connection
+
+    def write_half(pipe, data):
+        os.write(pipe.fileno(), bytes(data[: len(data) // 2]))
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    Connection._send = write_half
+    return bytes(1000)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
+def test_a_worker_that_is_killed_in_the_middle_of_its_result_holds_nothing_up():
+    with Workers(2) as executor:
+        futures = [executor.submit(time.sleep, 0.2), executor.submit(end_within_a_result)]
+        assert futures[0].result(60) is None
+        with pytest.raises(BrokenExecutor):  # a pool of several would wait for the other half for ever
+            futures[1].result(60)
+        assert [executor.submit(abs, -number).result(60) for number in (1, 2)] == [1, 2]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("moment", ["Process.start", "Process.kill"])
+def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, moment):
+    name = moment.removeprefix("Process.")
+    method = getattr(multiprocessing.process.BaseProcess, name)
+
+    def signalled(process):
+        method(process)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(f"multiprocessing.process.BaseProcess.{name}", signalled)
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 130
+    assert not multiprocessing.active_children()
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGTERM}
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    told = "no result was written." if name == "start" else "out holds the whole result of this scene."
+    assert err == f"granphon: error: interrupted; {told}\n"
+    assert listed(work) == {"scene.yaml"} | ({"out"} if name == "kill" else set())
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), MemoryError()])
+def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error):
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, error)
+        assert main(["run", "scene.yaml", "-o", "out"]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
+    assert capsys.readouterr().err.count("\n") == 1
+    # the finished tasks and nothing else
+    assert listed(work / "out") == {WORK_FILE}
+    assert count_parts(work / "out") == 2
+    with monkeypatch.context() as patch:
+        begun = interrupted_after(99, patch, error)
+        assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert len(begun) == 6 - 2
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
+    assert (work / "out" / "sweep.csv").read_bytes() == (whole / "sweep.csv").read_bytes()
+
+
+def test_a_file_that_is_missing_is_named(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    (work / "out" / "sweep.csv").unlink()
+    for option in ([], ["--resume"]):
+        assert main(["run", "scene.yaml", "-o", "out", *option]) == 1
+        err = capsys.readouterr().err
+        assert "sweep.png, but not sweep.csv, which granphon wrote there too. An existing result" in err
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "but not" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", only([["--resume", "--force"]], [[], ["--force"], ["--resume", "--force"]]))
+def test_the_same_command_again_goes_on(work, monkeypatch, options):
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out", *options]) == 130
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
+    assert main(["run", "scene.yaml", "-o", "out", "-q", *options]) == 0
+    assert len(begun) == 6 - 2
+    assert listed(work / "out") == ALL
+    # and with nothing to go on with
+    Scene.from_yaml("scene.yaml").run("other", resume=True)
+    assert len(begun) == 4 + 6
+    assert listed(work / "other") == ALL
+
+
+def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        interrupted_after(4, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    kept = {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()}
+    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N").replace("7840", "7841"))
+    capsys.readouterr()
+    for option in ([], ["--resume"]):
+        assert main(["run", "other.yaml", "-o", "out", *option]) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        for words in (
+            "out/.granphon-sweep holds the finished part of other work",
+            "differ: force[1] is 3.16978638492",
+            "--force",
+        ):
+            assert words in err
+        assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
+    assert main(["run", "other.yaml", "-o", "out", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc")["force"][-1] == 21.0
+
+
+def test_a_complete_folder_is_left_as_it_is(work, monkeypatch, capsys):
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    (work / "one.yaml").write_text(ONE)
+    assert main(["run", "one.yaml", "-o", "single", "-q"]) == 0
+    capsys.readouterr()
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in work.rglob("*") if path.is_file()}
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
+    for scene, folder in (("scene.yaml", "out"), ("one.yaml", "single")):
+        assert main(["run", scene, "-o", folder, "--resume"]) == 0
+        assert capsys.readouterr() == (
+            f"{folder} is complete: it holds the results of this scene. Nothing was computed.\n", ""
+        )  # fmt: skip
+        assert main(["run", scene, "-o", folder, "--resume", "-q"]) == 0
+        assert capsys.readouterr() == ("", "")
+        assert main(["run", scene, "-o", folder]) == 1
+        assert "already holds" in capsys.readouterr().err
+    scene = Scene.from_yaml("scene.yaml")
+    result = scene.run("out", resume=True)
+    assert result.dataset.identical(scene.sweep())
+    assert {path.name for path in result.files} == ALL
+    del begun[:]  # that was the comparison
+    # another scene, or what another version has made, is not this scene's result
+    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N"))
+    assert main(["run", "other.yaml", "-o", "out", "--resume"]) == 1
+    assert main(["run", "one.yaml", "-o", "out", "--resume"]) == 1
+    assert {path: path.read_bytes() for path in before} == {path: data for path, (data, _) in before.items()}
+    monkeypatch.setattr("granphon.scene.run.packages", lambda: {"granphon": "0.0.9"})
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
+    assert not begun
+    assert {path: path.stat().st_mtime_ns for path in before} == {path: time for path, (_, time) in before.items()}
+
+
+def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch, capsys):
+    scene = Scene.from_yaml("scene.yaml")
+    Scene.from_text(ONE).run("out")
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, KeyboardInterrupt())
+        with pytest.raises(KeyboardInterrupt):
+            scene.run("out", force=True)
+    # the older result is still whole
+    assert listed(work / "out") == {*(ALL - {"sweep.png"}), WORK_FILE}
+    assert Scene.from_yaml("out/scene.yaml") == Scene.from_text(ONE)
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
+    assert "already holds scene.yaml, summary.yaml" in capsys.readouterr().err
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL
+
+
+@pytest.mark.parametrize(
+    ("where", "error", "code"),
+    [
+        ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.sweeps.archive._write_table", OSError(28, "No space left on device"), 1),
+        ("granphon.scene.run._write_summary", MemoryError(), 1),
+    ],
+)
+def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monkeypatch, capsys, where, error, code):
+
+    def fail(*_: object) -> None:
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(where, fail)
+        assert main(["run", "scene.yaml", "-o", "out"]) == code
+    assert capsys.readouterr().err.count("\n") == 1
+    # the finished tasks and nothing else
+    assert listed(work / "out") == {WORK_FILE}
+    begun = interrupted_after(0, monkeypatch, error)
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert not begun
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
+
+
+#: the command, whose workers never come to an end with the averaged force
+HELD = """
+import os, sys, time
+from granphon.sweeps import jobs
+
+solved = jobs.Job.solve
+
+def solve(self, begun=None):
+    if "afa" in self.where:
+        os.write(1, b"held\\n")  # at once: two workers may write at the same time
+        time.sleep(3600)
+    return solved(self, begun)
+
+jobs.Job.solve = solve
+if __name__ == "__main__":
+    from granphon.cli.commands import main
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGKILL"])
+@pytest.mark.parametrize(
+    "whose", ["--workers=2", pytest.param("--scheduler=local:2", marks=[pytest.mark.exhaustive, needs_distributed])]
+)
+@pytest.mark.claim("machines-lost")
+def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind, whose):
+    # more tasks than are under way
+    scene = SWEEP.replace("[ala, afa, ema]", "[ala, afa]").replace("[1 um, 2 um]", "{from: 1 um, to: 2 um, points: 6}")
+    (work / "scene.yaml").write_text(scene)
+    (work / "held.py").write_text(HELD)
+    command = [sys.executable, "held.py", "run", "scene.yaml", "-o", "out", whose]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as running:
+        try:
+            assert [running.stdout.readline() for _ in range(2)] == ["held\n"] * 2  # both have begun what has no end
+            # dask may give a worker what has no end after its first task; the very first task of all has an end
+            least, end = 2 if whose == "--workers=2" else 1, time.monotonic() + 60.0
+            while count_parts(work / "out") < least and running.poll() is None:
+                assert time.monotonic() < end, f"{count_parts(work / 'out')} results of {least} in a minute"
+                time.sleep(0.01)
+            if kind == "SIGINT":  # as a terminal does, to the workers as well
+                os.killpg(running.pid, signal.SIGINT)
+            else:
+                running.send_signal(signal.Signals[kind])
+            # that is over when all who hold its ends are gone, the workers too
+            out, err = running.communicate(timeout=60)
+        except BaseException:
+            os.killpg(running.pid, signal.SIGKILL)
+            raise
+    assert out == ""
+    if kind == "SIGKILL":
+        assert running.returncode == -signal.SIGKILL
+        assert err == ""  # nothing is said of semaphores left behind
+    else:
+        assert running.returncode == 130
+        kept = "The finished parts are kept: run the same command again to continue."
+        assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
+    assert listed(work / "out") - {f"{WORK_FILE}-journal"} == {WORK_FILE}  # it may be killed while it writes
+    with pytest.MonkeyPatch.context() as patch:
+        begun = interrupted_after(99, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    media = [where.split(",")[0] for where in begun]
+    if whose == "--workers=2":
+        assert media == ["afa"] * 2 + ["ala", "afa"] * 4
+    else:  # dask hands out tasks in its own order
+        assert media.count("afa") == 6
+        assert media.count("ala") <= 5
+
+
+#: the command, interrupted when a module is imported, in the middle of exec() of a text, or at the end of the interpreter
+MOMENT = """
+import atexit, os, signal, sys
+
+def stop(*_):
+    os.kill(os.getpid(), signal.{which})
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "{moment}":
+            exec("stop()")
+
+sys.meta_path.insert(0, Finder())
+if "{moment}" == "end":
+    atexit.register(stop)
+from granphon.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("moment", "which", "code", "told"),
+    [
+        ("granphon.cli.commands", "SIGINT", 130, "interrupted."),
+        ("typer", "SIGTERM", 130, "interrupted."),
+        ("granphon.scene.scene", "SIGINT", 130, "interrupted; no result was written."),
+        ("end", "SIGINT", 2, None),
+        ("end", "SIGTERM", 2, None),
+    ],
+)
+def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, told):
+    (work / "moment.py").write_text(MOMENT.format(moment=moment, which=which))
+    command = [sys.executable, "moment.py", "check", "scene.yaml" if told else "not there.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1)
+    assert told is None or done.stderr == f"granphon: error: {told}\n"
+
+
+@pytest.mark.parametrize(
+    "moment", ["granphon.base.staging._finish", "granphon.sweeps.store.Store.clear", "granphon.cli.scenes.say_table"]
+)
+def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
+    from granphon.base import staging
+    from granphon.cli import scenes
+    from granphon.sweeps import store
+
+    places = {"_finish": staging, "clear": store.Store, "say_table": scenes}
+    name = moment.rpartition(".")[2]
+    before = getattr(places[name], name)
+
+    def then(*arguments):
+        before(*arguments)
+        if name != "_finish" or len(arguments) == 1:  # another argument: before the result is written
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(places[name], name, then)
+        assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    err = capsys.readouterr().err.splitlines()[-1]
+    assert err == "granphon: error: interrupted; out holds the whole result of this scene."
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 0
+    assert "out is complete" in capsys.readouterr().out
+
+
+def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsys):
+    for text in (SWEEP, ONE):
+        (work / "scene.yaml").write_text(text)
+        with monkeypatch.context() as patch:
+            patch.setattr("granphon.scene.run.ResultFiles", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
+            assert main(["run", "scene.yaml", "-o", "out"]) == 130
+        assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
+
+
+SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples: 4}}")
+
+
+@pytest.mark.parametrize("more", ["", ", friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"])
+def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
+    """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
+    from granphon.sweeps.jobs import _SampleJob
+
+    (work / "scene.yaml").write_text(SAMPLES.replace("samples: 4", "samples: 4" + more))
+    assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
+    begun, solve = [], _SampleJob.solve
+
+    def solved(task, part=None):
+        begun.append(task.where)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+        return solve(task, part)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_SampleJob, "solve", solved)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 130
+    kept = "The finished parts are kept: run the same command again to continue."
+    assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
+    assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 2)
+    (work / "other.yaml").write_text((work / "scene.yaml").read_text().replace("3 N", "4 N"))
+    assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
+    assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
+    begun[:] = [""] * 3
+    with monkeypatch.context() as patch:
+        patch.setattr(_SampleJob, "solve", solved)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert [where.rpartition(", ")[2] for where in begun[3:]] == ["seed 2", "seed 3"]
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    for name in sorted(listed(work / "whole") - {"forces.png"}):
+        assert (work / "out" / name).read_bytes() == (work / "whole" / name).read_bytes()
+        assert (work / "two" / name).read_bytes() == (work / "whole" / name).read_bytes()
+
+
+def test_what_is_no_mistake_in_the_scene_is_not_told_as_one(work, monkeypatch, capsys):
+    """A disk that is full in the midst of the samples of one state is not a load that the balls cannot carry."""
+
+    class Full(sqlite3.Connection):
+        def execute(self, order, *values):
+            found = super().execute(order, *values)
+            if order == "BEGIN IMMEDIATE":
+                super().execute("PRAGMA max_page_count = 1")
+            return found
+
+    (work / "scene.yaml").write_text(SAMPLES)
+    with monkeypatch.context() as patch:
+        patch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Full))
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 1
+    told = (
+        "out/.granphon-sweep cannot be written: No space left on device. What was finished before is kept. Free some space"
+    )
+    assert capsys.readouterr().err.startswith(f"granphon: error: {told}, and run the same command again.")
+    assert not (work / "out").exists()
+    (work / "scene.yaml").write_text(SAMPLES.replace("force: 3 N", "overlap: -1.05 um"))
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 2
+    assert "found '-1.05 um'; allowed: a load that the balls can carry" in capsys.readouterr().err
+
+
+HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"
+
+
+@pytest.mark.parametrize(
+    ("packing", "medium"),
+    [
+        ("", "samples: 1"), ("finite_overlap: true, ", ", geometry: exact"),
+        ("", HISTORY + ", shear_response: partial_slip"),
+        ("finite_overlap: true, ", HISTORY + ", geometry: exact"),
+        pytest.param("lattice: fcc, ", ", shape: 2 2 2" + HISTORY, marks=pytest.mark.exhaustive),
+        ("equal", HISTORY), pytest.param("", HISTORY + ", start: gas", marks=pytest.mark.exhaustive),
+    ],
+)  # fmt: skip
+def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
+    from granphon.sweeps.sweep import SweepRun
+
+    text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
+    text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")
+    text = (
+        text.replace(", spread: {uniform: 2.04 um}", "") if packing == "equal" else text.replace("{diam", f"{{{packing}diam")
+    )
+    scene = Scene.from_text(text)
+    assert scene.has_tasks
+    run = SweepRun.of(scene.plan.grid)
+    state, expected = run.works[0].restore(run.do()), scene.state()
+    for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
+        assert_array_equal(getattr(state, name), getattr(expected, name))
+    for one, other in zip(state.samples, expected.samples, strict=True):
+        assert type(one) is type(other)
+        names = ["seed", "elastic_tensor", "diameters", "contact_forces", "displacements", "residual", "energy"]
+        names += ["elastic_tensors_beside"] * scene.packing.spread_matters
+        names += ["tangential_forces", "rotations", "work", "dissipated_energy"] * ("history" in medium)
+        for name in names:
+            assert_array_equal(getattr(one, name), getattr(other, name))
+        assert_array_equal(one.network.shear_stiffness, other.network.shear_stiffness)
+
+
+def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        interrupted_after(4, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    kept = {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()}
+    (work / "one.yaml").write_text(ONE)
+    capsys.readouterr()
+    for option in ([], ["--resume"]):
+        assert main(["run", "one.yaml", "-o", "out", *option]) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "out/.granphon-sweep holds the finished part of other work" in err
+        assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
+    assert main(["run", "one.yaml", "-o", "out", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL - {"sweep.png"}
+
+
+@pytest.mark.parametrize("name", ["sweep.csv", "sweep.nc", "summary.yaml", "scene.yaml"])
+@pytest.mark.parametrize("damage", [b"", b"junk", None])
+def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
+    Scene.from_yaml("scene.yaml").run("out", figures=False)
+    path = work / "out" / name
+    path.write_bytes(path.read_bytes()[:-1] if damage is None else damage)
+    capsys.readouterr()
+    assert not is_complete(Scene.from_yaml("scene.yaml").plan, "out")
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert f"out already holds {name}: granphon wrote it, and it has been changed since" in err
+
+
+def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch, capsys):
+    from granphon.sweeps.jobs import Job
+
+    solve, again = Job.solve, []
+
+    def solved(*arguments):
+        if not again:
+            shutil.rmtree("out")
+            again.append(None)
+        return solve(*arguments)
+
+    monkeypatch.setattr(Job, "solve", solved)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "out/.granphon-sweep, or its folder, has been removed or replaced" in capsys.readouterr().err
+    assert listed(work) == {"scene.yaml"}
+
+
+def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, capsys):
+    from granphon.sweeps.jobs import Job
+
+    solve = Job.solve
+
+    def solved(*arguments):
+        if not Path("moved").exists():
+            os.rename("out", "moved")  # while it is there, no other folder has its number
+            os.mkdir("out")
+            Path("out", "mine").touch()
+        return solve(*arguments)
+
+    monkeypatch.setattr(Job, "solve", solved)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "out/.granphon-sweep, or its folder, has been removed or replaced" in capsys.readouterr().err
+    assert listed(work / "out") == {"mine"}
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
+def test_a_killed_sweep_goes_on(work, whole):
+    code = (
+        "import os, signal\nfrom granphon.sweeps import store\nfrom granphon.cli.commands import main\n"
+        "append = store.Store.append\n"
+        "def last(*arguments):\n    append(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+        "store.Store.append = last\nmain(['run', 'scene.yaml', '-o', 'out'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True)
+    assert done.returncode == -signal.SIGKILL
+    assert listed(work / "out") == {WORK_FILE}
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
+
+
+# -- check and plot -------------------------------------------------------------------------------------------------
+
+
+def test_check_describes_a_sweep(work, capsys):
+    assert main(["check", "scene.yaml"]) == 0
+    out, err = capsys.readouterr()
+    for expected in (
+        "uniform, W = 2.04 um (the mean +/- 1.02 um)\n", "6 forces, 2 N to 20 N\n", "ala, afa, ema\n",
+        "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
+    ):  # fmt: skip
+        assert expected in out
+    assert "granphon: warning: ala, width = 1e-06 m: ala is not reliable below " in err
+    assert listed(work) == {"scene.yaml"}
+
+
+def test_check_says_what_the_width_of_a_normal_spread_is(work, capsys):
+    (work / "scene.yaml").write_text(SWEEP.replace("uniform: 2.04 um", "normal: {std: 1.2 um, cutoff: 10}"))
+    assert main(["check", "scene.yaml"]) == 0
+    assert "normal, W = 4.1569 um (sqrt(12) times the rms, 1.2 um)\n" in capsys.readouterr().out
+
+
+def test_check_says_that_the_media_agree_for_equal_balls(work, capsys):
+    (work / "scene.yaml").write_text(SWEEP.replace("2.04 um", "0 um").replace("sweep", "# sweep"))
+    assert main(["check", "scene.yaml"]) == 0
+    out, err = capsys.readouterr()
+    assert "ala, afa, ema (the same for equal balls)" in out
+    assert err == ""
+
+
+def test_many_warnings_are_cut_short(work, capsys):
+    (work / "scene.yaml").write_text(SWEEP.replace("[1 um, 2 um]", "{from: 20 um, to: 30 um, points: 5}"))
+    assert main(["check", "scene.yaml"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 11
+    assert lines[-1] == "granphon: warning: and 5 more"
+
+
+def test_plot_draws_a_sweep_again(work, capsys, monkeypatch):
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
+    assert main(["plot", "out"]) == 0
+    assert (work / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    drawn = {}
+
+    def figure(dataset, x="force", *, variable=None):
+        drawn.update(variable=variable, dataset=dataset)
+        return real(dataset, x, variable=variable)
+
+    from granphon.figures.sweeps import sweep_figure as real
+
+    monkeypatch.setattr("granphon.figures.sweeps.sweep_figure", figure)
+    assert redraw("out", "contacts.pdf", variable="contact_fraction") == Path("contacts.pdf")
+    assert (work / "contacts.pdf").read_bytes().startswith(b"%PDF")
+    assert drawn["variable"] == "contact_fraction"
+    assert drawn["dataset"].identical(load_sweep("out/sweep.nc"))
+    capsys.readouterr()
+    for words, found in (
+        (["--variable", "contact_fracton"], "no variable 'contact_fracton'"), (["--asymptotes"], "holds a sweep"),
+        (["-o", "x.xyz"], "names no figure format"),
+    ):  # fmt: skip
+        assert main(["plot", "out", "--force", *words]) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert found in err
+    (work / "out" / "sweep.nc").write_bytes(b"broken")
+    assert main(["plot", "out", "--force"]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+
+
+def test_only_a_data_set_has_variables(work, capsys):
+    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert main(["plot", "out", "--variable", "bulk", "-o", "bulk.svg"]) == 0
+    (work / "alone").mkdir()
+    (work / "out" / "dos.csv").rename(work / "alone" / "dos.csv")
+    assert main(["plot", "alone", "--variable", "bulk", "--force"]) == 2
+    assert "holds no sweep" in capsys.readouterr().err
+
+
+def test_the_working_folder_is_named_by_its_path(work, capsys):
+    (work / "scene.yaml").rename(work / "one.yaml")
+    with ResultFiles(".", ["x"]).open():
+        assert main(["run", "one.yaml", "-o", "."]) == 1
+    assert f"another run is writing into {work.resolve()}. Two runs" in capsys.readouterr().err
+    (work / "summary.yaml").write_text("mine")
+    assert main(["run", "one.yaml", "-o", "."]) == 1
+    assert f"{work.resolve()} already holds summary.yaml" in capsys.readouterr().err
+
+
+def test_a_figure_is_not_drawn_beside_a_result_that_is_being_written(work, capsys):
+    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    Scene.from_yaml("scene.yaml").run("out")
+    with ResultFiles("out", [], force=True).open():
+        assert main(["plot", "out", "--force"]) == 1
+    assert "another run is writing into out" in capsys.readouterr().err
+
+
+def test_what_is_exchanged_while_it_is_read_is_not_drawn(work, monkeypatch):
+    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    scene = Scene.from_yaml("scene.yaml")
+    scene.run("out")
+    read = gp.DensityOfStates.read_csv
+
+    def exchanged(path: Path) -> gp.DensityOfStates:
+        found = read(path)
+        replace(scene, mesh=(5, 5)).run("out", force=True)
+        return found
+
+    monkeypatch.setattr(gp.DensityOfStates, "read_csv", exchanged)
+    with pytest.raises(InputError, match="was written into while it was read"):
+        redraw("out", "elsewhere.png")
+    assert not (work / "elsewhere.png").exists()

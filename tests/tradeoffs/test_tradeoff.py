@@ -1,0 +1,1171 @@
+"""Speed against accuracy: errors that can be worked out by hand, a budget that is kept, and what is written of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon.balls.loads import Load
+from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
+from granphon.cli.commands import main
+from granphon.cli.wording import describe_tradeoff
+from granphon.dynamics.local_field import local_field, local_field_on
+from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
+from granphon.sweeps.store import Store, encode, open_store, read_entries
+from granphon.tradeoffs import disorder as disorder_module
+from granphon.tradeoffs import measure as tradeoffs
+from granphon.tradeoffs.disorder import Disorder
+from granphon.tradeoffs.ensemble import observe
+from granphon.tradeoffs.grid_study import GridStudy
+from granphon.tradeoffs.measure import BETTER, MeasuredPoint, TradeOff, carry_out, tradeoff
+from granphon.tradeoffs.media_study import MediaStudy
+from granphon.tradeoffs.mesh_study import MeshStudy, compare_counts
+from granphon.tradeoffs.questions import choose_studies
+from granphon.tradeoffs.references import count_modes, integrate_curve
+from granphon.tradeoffs.solution_study import SolutionStudy
+from granphon.tradeoffs.study import Deadline, Point, Reference, Stopwatch, Study
+from tests.conftest import only
+
+WIDTH = 2.04e-6
+BUDGET = 40.0
+FORCES = (10.0, 60.0)
+DISORDER = ["media", "Green's function", "effective medium"]
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: [10 N, 60 N]}
+medium: ema
+"""
+
+
+@pytest.fixture(scope="module")
+def rough(steel):
+    """The array of the experiment, with the spread of Section IV."""
+    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
+
+
+class WorkCounter(Stopwatch):
+    """Counts work, so that no test depends on how busy the machine is.
+
+    Time goes on a little whenever it is asked for, as the checks within long work do, and else by what is told:
+    :meth:`work`, or each part of a piece of work that is named in ``parts``. It is a progress as well, to hear of these.
+    """
+
+    def __init__(self, **parts):
+        self.time, self.asked, self.parts, self.label = 100.0, 0, parts, ""
+
+    def now(self):
+        self.asked += 1
+        self.time += 1e-6 * (1.0 + self.asked % 7)
+        return self.time
+
+    def predict(self, cost):
+        """On a machine that works on a million balls in a second."""
+        return cost.known + 1e-6 * cost.work
+
+    def work(self, seconds):
+        self.time += seconds
+
+    def step(self, label, total=None):
+        self.label = label
+        return nullcontext(self)
+
+    def advance(self, amount=1.0):
+        self.work(amount * self.parts.get(self.label, 0.0))
+
+
+#: fewer and smaller knobs than those of the studies
+SMALL = {
+    MediaStudy: {"sides": (8,), "counts": (1, 2), "reference_side": 16},
+    GridStudy: {"graded": (2, 3, 4), "uniform": (4, 8, 16, 32)},
+    SolutionStudy: {"tolerances": {6: (1e-1, 1e-4), 16: (1e-2, 1e-6)}},
+    MeshStudy: {"meshes": (8, 16), "reference_lines": 64},
+}
+#: one setting of each
+LEAST = {
+    MediaStudy: {"sides": (8,), "counts": (1,), "reference_side": 12},
+    GridStudy: {"graded": (3,), "uniform": (8,)},
+    SolutionStudy: {"tolerances": {16: (1e-2,)}},
+}
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """``tradeoff`` with few knobs and counted work: a sample of the media's reference takes ``sample`` s."""
+
+    def call(*arguments, sample=3.0, knobs=SMALL, **options):
+        counter = WorkCounter(**{"media: reference": sample})
+
+        def choose(*asked):
+            return [replace(study, **knobs[type(study)]) for study in choose_studies(*asked)]
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(tradeoffs, "choose_studies", choose)
+            return tradeoff(*arguments, **options, progress=counter, stopwatch=counter)
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def found(rough, measured):
+    """A trade-off of it."""
+    return measured(rough, force=FORCES, observe=("velocities", "bands"), budget=BUDGET)
+
+
+@pytest.fixture(scope="module")
+def meshes(packing, measured):
+    """One of equal balls: the mesh of the density of states alone."""
+    return measured(packing, force=[1.0, 18.446], observe=("dos",), budget=4.0)
+
+
+def point_of(result, study, method, knob):
+    (point,) = (p for p in result.of(study) if (p.method, p.knob) == (method, knob))
+    return point
+
+
+def disorder(packing, force=FORCES, quantities=("longitudinal", "transverse", "frequency")):
+    return Disorder(packing, Load("force", force), quantities, WorkCounter())
+
+
+def whenever():
+    """A deadline that never comes."""
+    return Deadline(WorkCounter(), math.inf)
+
+
+# -- counted work -------------------------------------------------------------------------------------------------------
+
+
+class FakeStudy(Study):
+    """Points that take so many seconds and have such errors, and a reference that takes its time."""
+
+    def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False, name="fake"):
+        self.clock, self.costs, self.taken, self.fails, self.estimated = clock, costs, reference, fails, estimated
+        self.name = name
+        self.solved = []
+
+    observed = ("longitudinal",)
+    loads = (1.0, 2.0)
+
+    def make_points(self):
+        return [self._point(*one) for one in self.costs]
+
+    def _point(self, method, knob, seconds, error):
+        def prepare(run):
+            self.clock.work(0.1 * seconds)
+            return run
+
+        def solve(run):
+            if knob in self.fails:
+                raise GranphonError(f"{knob} does not converge.")
+            self.clock.work(0.9 * seconds * (1.0 + 0.1 * run))
+            self.solved.append((knob, run))
+            return np.array([error, 0.5 * error])
+
+        return Point(method, knob, prepare, solve, seconds if self.estimated else 0.0)
+
+    def find_reference(self, deadline, better, step):
+        self.until = deadline.until
+        if self.taken is None:
+            raise GranphonError("it cannot be found.")
+        self.clock.work(self.taken)
+        found = Reference(np.zeros(2), np.full((len(self.loads), 1), 1e-6), "by hand")
+        self.good = better(found)
+        return found
+
+    def compute_errors(self, outcomes, reference):
+        return np.abs(np.mean(outcomes, axis=0))[: len(self.loads), None]
+
+    def find_floor(self, point, outcomes):
+        return 1e-15
+
+
+@pytest.fixture
+def clock():
+    """For the trade-off and its studies."""
+    return WorkCounter()
+
+
+def measure(*asked, **options):
+    """Carry out fake studies on the clock of the first."""
+    return carry_out(asked, "force", **options, stopwatch=asked[0].clock)
+
+
+def test_studies_side_by_side_find_what_they_find_in_turn(clock):
+    def make():
+        return [FakeStudy(clock, [("m", "a", 1.0, 1e-2), ("n", "b", 2.0, 1e-3)], name=name) for name in ("one", "two")]
+
+    with ThreadPoolExecutor(1) as executor:
+        found = measure(*make(), budget=1000.0, executor=executor)
+    expected = measure(*make(), budget=1000.0)
+    assert [point.ran for point in found.points] == [True] * 4
+    for one, other in zip(found.points, expected.points, strict=True):
+        assert (one.study, one.method, one.knob, one.failure) == (other.study, other.method, other.knob, other.failure)
+        assert np.array_equal(one.errors, other.errors)
+        assert one.seconds == pytest.approx(other.seconds, rel=1e-4)  # each look at the clock counts
+    assert found.references == expected.references == {"one": "by hand", "two": "by hand"}
+
+
+@pytest.mark.parametrize("side_by_side", [False, True])
+def test_an_interrupted_trade_off_goes_on_from_its_finished_studies(clock, tmp_path, side_by_side):
+    """As often as it is interrupted, and within one budget; another one is refused, and none is left at the end."""
+
+    def make(interrupted=None):
+        asked = [
+            FakeStudy(clock, [("m", "a", seconds, 1e-2)], name=name)
+            for name, seconds in (("one", 2.0), ("two", 1.0), ("3", 1.0))
+        ]
+        for study in asked:
+            if study.name == interrupted:
+                study.find_reference = lambda *_: (_ for _ in ()).throw(KeyboardInterrupt())
+        return asked
+
+    def run(asked, budget=1000.0):
+        with ThreadPoolExecutor(1) if side_by_side else nullcontext() as executor, open_store(tmp_path / "store") as store:
+            given = {"executor": executor, "store": store, "identity": {"budget": budget}}
+            return measure(*asked, budget=budget, **given)
+
+    expected = run(make())
+    assert list(tmp_path.iterdir()) == []
+    done = set()
+    for name in ("two", "two"):
+        asked = make(name)
+        with pytest.raises(KeyboardInterrupt):
+            run(asked)
+        assert not [study.name for study in asked if study.solved and study.name in done]
+        done = {entry.rpartition("-")[2] for entry in dict(read_entries(tmp_path / "store"))}
+        assert ("one" in done, name in done) == (True, False)  # side by side the others may end before
+    with pytest.raises(FileExistsInRunError, match=r"budget is 1000\.0 there, and 5\.0 here"):
+        run(make(), 5.0)
+    asked = make()
+    found = run(asked)
+    assert {study.name for study in asked if not study.solved} == done
+    assert list(tmp_path.iterdir()) == []
+    assert [(p.study, p.method, p.knob, p.failure) for p in found.points] == [
+        (p.study, p.method, p.knob, p.failure) for p in expected.points
+    ]
+    assert_allclose(found.seconds, expected.seconds, rtol=1e-3)
+    assert found.references == expected.references
+
+
+def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(rough, monkeypatch, tmp_path):
+    found = []
+    monkeypatch.setattr(tradeoffs, "carry_out", lambda *given: found.append(given[-1]))
+    for coefficient in (0.2, 0.2000001):
+        tradeoff(rough, force=FORCES, friction_history=True, friction_coefficient=coefficient)
+    with open_store(tmp_path / "store") as store:
+        store.claim(found[0])
+        store.append("study", encode("study", {"seconds": np.ones(1)}))
+        with pytest.raises(FileExistsInRunError, match=r"against\.friction_coefficient is 0\.2 there, and 0\.2000001 here"):
+            store.claim(found[1])
+
+
+def test_the_time_of_finished_studies_counts_for_the_budget(clock, tmp_path):
+    def make():
+        return [FakeStudy(clock, [("m", "a", 1.0, 1e-2)], name=name) for name in ("one", "two")]
+
+    store = Store(tmp_path / "store")
+    first = make()
+    first[1].make_points = lambda: (_ for _ in ()).throw(KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        measure(*first, budget=100.0, store=store)
+    clock.work(1000.0)  # between the two runs
+    again, begun = make(), clock.time
+    measure(*again, budget=100.0, store=store)
+    assert not again[0].solved
+    # one to warm up, five that are timed, each longer than the one before, and one whose memory is watched
+    assert_allclose(again[1].until - begun, 100.0 - (7 * 1.0 + 0.09 * (1 + 2 + 3 + 4 + 5)), atol=1e-3)
+
+
+class RandomStudy(FakeStudy):
+    """Its points draw random outcomes, whose true values are zero."""
+
+    def _point(self, method, knob, seconds, error):
+        def solve(run):
+            self.clock.work(seconds)
+            self.solved.append((knob, run))
+            return error * np.random.default_rng(run).normal(size=2)
+
+        return Point(method, knob, lambda run: run, solve, random=True)
+
+    def compute_errors(self, outcomes, reference):
+        return np.sqrt(np.mean(np.square(outcomes), axis=0))[:, None]
+
+
+def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
+    """In half of the time that the timed runs leave: a hundred times at most, each with numbers of its own."""
+    study = RandomStudy(clock, [("m", "cheap", 0.01, 0.1), ("m", "dear", 2.0, 0.01)])
+    cheap, dear = measure(study, budget=100.0).points
+    assert [run for knob, run in study.solved if knob == "cheap"] == [*range(6), 0, *range(6, 101)]
+    # two fifths of the budget, less the timed runs, and half of that
+    assert dear.draws == 5 + int((0.5 * (40.0 - 7 * 2.01) - 0.95 - 1.0) / 2.0)
+    assert cheap.draws == 100
+    for point, scale in ((cheap, 0.1), (dear, 0.01)):
+        drawn = scale * np.array([np.random.default_rng(run).normal(size=2) for run in range(1, point.draws + 1)])
+        assert_allclose(point.errors[:, 0], np.sqrt(np.mean(drawn**2, axis=0)), rtol=1e-12)
+        # of the mean square s^2 the error is sqrt(2/n) s^2 in normal numbers, of its root half as much
+        assert_allclose(point.stderrs[:, 0], point.errors[:, 0] / np.sqrt(2.0 * point.draws), rtol=0.8)
+        twin = [np.sqrt(np.mean(np.delete(drawn, i, axis=0) ** 2, axis=0)) for i in range(point.draws)]
+        assert_allclose(point.stderrs[:, 0], np.std(twin, axis=0) * np.sqrt(point.draws - 1), rtol=0.2)  # the jackknife
+        assert point.stderr == point.stderrs.flat[np.argmax(point.errors)]
+    (one,) = measure(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
+    assert (one.draws, one.stderr) == (5, 0.0)
+
+
+def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, reference):
+    """Five runs of 8 x 8 balls told 2.6e-2 of what is 6.6e-2, without a word of how well that is known."""
+    small = point_of(found, "media", "simulation, 1 sample", "8 x 8")
+    assert small.draws == 100
+    states = (observe(gp.DirectSimulation(rough, (8, 8), seed).at_force(np.array(FORCES))) for seed in range(5000, 5100))
+    squares = np.array([(state / reference.values - 1.0) ** 2 for state in states])
+    errors = np.sqrt(np.mean(squares, axis=0))
+    own = np.std(squares, axis=0) / 10.0 / (2.0 * errors)
+    known = np.hypot(np.hypot(small.stderrs, own), np.hypot(small.reference_errors, reference.errors))
+    assert np.all(np.abs(small.errors - errors) < 4.0 * known)
+    assert np.all(small.stderrs < 0.25 * small.errors)
+
+
+def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
+    study = FakeStudy(clock, [("m", "a", 1.0, 1e-2)])
+    (point,) = measure(study, budget=1e3, runs=5).points
+    # one to warm up, five that are timed, one whose memory is watched
+    assert study.solved == [("a", run) for run in (0, 1, 2, 3, 4, 5, 0)]
+    assert_allclose(point.seconds, 0.9 * 1.3, rtol=1e-4)
+    # quartiles of 1.1 ... 1.5
+    assert_allclose(point.spread, 0.9 * 0.15, rtol=1e-3)
+    assert_allclose(point.setup, 0.1, rtol=1e-4)
+    assert_allclose(point.errors, [[1e-2], [5e-3]])
+    assert (point.error, point.reference_error, point.resolved, point.note) == (1e-2, 1e-6, True, "")
+
+
+def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
+    costs = [
+        ("m", "1", 0.1, 1e-2),
+        ("m", "2", 50.0, 1e-3),
+        ("m", "3", 0.1, 1e-4),
+        ("n", "1", 0.2, 1e-2),
+        ("n", "2", 3.0, 0.1),
+    ]
+    study = FakeStudy(clock, costs)
+    result = measure(study, budget=300.0)
+    assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
+    # of one method a knob that is turned further is not tried when one before it did not fit
+    assert not [one for one in study.solved if one[0] == "3"]
+    assert "beyond the budget: 5 runs of about 50 s" in result.points[1].failure
+    assert result.points[2].failure == "not run, beyond the budget"
+
+
+@pytest.mark.parametrize("budget", [0.01, 1.0, 5.0, 30.0, 200.0])
+@pytest.mark.parametrize("seconds", [1e-3, 0.03, 1.0])
+def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, budget, seconds):
+    asked = [
+        FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], name=name, estimated=known)
+        for name, known in (("one", False), ("two", True), ("three", False))
+    ]
+    begun = clock.time
+    result = measure(*asked, budget=budget)
+    assert_allclose(result.seconds, clock.time - begun, atol=1e-3)
+    # points that nothing is known of are begun: one in each method of two studies
+    assert result.seconds <= budget + 2 * 2 * seconds * 2**5 * 1.1
+    assert result.seconds <= budget or any(p.failure for p in result.points)
+    for study in asked:
+        assert study.until if hasattr(study, "until") else all(p.failure for p in result.of(study.name))
+        assert getattr(study, "until", 0.0) <= begun + budget + 1e-3
+
+
+def test_what_a_study_leaves_is_for_those_after_it(clock):
+    first, second, last = (
+        FakeStudy(clock, [("m", "1", seconds, 1e-2)], name=name)
+        for name, seconds in (("first", 0.01), ("second", 0.01), ("last", 3.0))
+    )
+    result = measure(first, second, last, budget=100.0)
+    assert not any(point.failure for point in result.points)
+    # of a hundred seconds: six tenths, then half of what is left, then all that is left
+    assert_allclose(first.until - 100.0, 60.0, atol=0.1)
+    assert_allclose(second.until - 100.0, 50.0, atol=0.2)
+    assert_allclose(last.until - 100.0, 100.0, atol=0.1)
+
+
+def test_the_media_have_points_and_a_reference_whatever_the_grids_take(rough, clock):
+    """On a machine on which every run of a grid takes five seconds, with twenty to spend."""
+    order = [study.name for study in choose_studies(rough, Load("force", (1.0,)), ("velocities", "dos"))]
+    assert order[0] == "media"
+    cost = {"media": 0.1}
+    asked = [
+        FakeStudy(clock, [("m", str(k), cost.get(name, 5.0), 1e-2) for k in range(3)], 2.0, name=name) for name in order
+    ]
+    result = measure(*asked, budget=20.0)
+    assert [bool(point.failure) for point in result.of("media")] == [False] * 3
+    assert "media" in result.references
+
+
+def test_failures_are_told_in_their_own_words(clock):
+    study = FakeStudy(clock, [("m", "1", 0.1, 1e-2), ("m", "2", 0.1, 1e-2), ("m", "3", 0.1, 1e-2)], fails=("2",))
+    result = measure(study, budget=60.0)
+    assert [point.failure for point in result.points] == ["", "2 does not converge.", ""]
+    assert not result.points[1].resolved
+    rows = list(csv.DictReader(io.StringIO(result.csv())))
+    assert [(row["knob"], row["failure"], row["error (1)"]) for row in rows if row["failure"]] == [
+        ("2", "2 does not converge.", "")
+    ]
+    assert any("2 does not converge." in line for line in describe_tradeoff(result, 2))
+
+
+def test_without_a_reference_no_point_has_an_error(clock):
+    study = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], reference=None)
+    result = measure(study, budget=60.0)
+    assert result.points[0].failure == "there is no reference: it cannot be found."
+    assert result.references == {}
+    assert result.points[0].ran
+    (ax,) = tradeoff_figure(result).axes
+    assert [text.get_text() for text in ax.texts] == ["run, but without a reference"]
+    assert [line.get_xdata() for line in ax.lines if line.get_gid() == "without-error"] == [[result.points[0].seconds]]
+    assert labelled(ax)
+
+
+def labelled(ax):
+    """Whether both axes have tick labels, two or more, inside."""
+    ax.get_figure().draw_without_rendering()
+    seen = []
+    for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        seen.append(sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in ticks))
+    return min(seen) >= 2
+
+
+def test_axes_on_which_there_is_nothing_have_tick_labels(clock):
+    result = measure(FakeStudy(clock, [("m", "1", 9.0, 1e-2)], estimated=True), budget=1.0)
+    (ax,) = tradeoff_figure(result).axes
+    assert {text.get_text() for text in ax.texts} == {"nothing was run", "not run: 1 of m"}
+    assert labelled(ax)
+
+
+def test_a_study_of_which_nothing_can_be_measured_has_no_diagram(clock):
+    ran = measure(FakeStudy(clock, [("m", "1", 0.1, 1e-2)]), budget=100.0)
+    nothing = np.zeros(0)
+    left_out = MeasuredPoint("grid", "m", "none", nothing, nothing, failure="not measured: no reference")
+    both = replace(ran, points=(*ran.points, left_out))
+    assert both.studies == (*ran.studies, "grid")
+    assert [ax.get_title() for ax in tradeoff_figure(both).axes] == [ran.studies[0][0].upper() + ran.studies[0][1:]]
+    # alone it has one, which says that nothing was run
+    (ax,) = tradeoff_figure(replace(ran, points=(left_out,))).axes
+    assert "nothing was run" in {text.get_text() for text in ax.texts}
+
+
+def test_labels_stay_inside_their_axes(clock):
+    costs = [("m", "4 x 4 x 4", 0.1, 5e-3), ("m", "10 x 10 x 10", 0.3, 1e-4)]
+    (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
+    ax.get_figure().draw_without_rendering()
+    frame = ax.get_window_extent()
+    labels = [text.get_window_extent() for text in ax.texts if "×" in text.get_text()]
+    assert len(labels) == 2
+    assert all(frame.x0 < one.x0 and one.x1 < frame.x1 and frame.y0 < one.y0 and one.y1 < frame.y1 for one in labels)
+
+
+def test_axes_of_points_that_lie_close_have_tick_labels(clock):
+    costs = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
+    (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
+    assert labelled(ax)
+
+
+def test_an_error_of_nothing_is_a_mark_at_the_bottom(clock):
+    study = FakeStudy(clock, [("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)])
+    (ax,) = tradeoff_figure(measure(study, budget=100.0)).axes
+    assert [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"] == [1]
+    assert labelled(ax)
+
+
+def test_a_point_that_the_reference_does_not_judge_says_so(clock):
+    study = FakeStudy(clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)])
+    good, better, bad = measure(study, budget=60.0).points
+    assert (good.resolved, good.note) == (False, "the reference is 30 times better")
+    assert (better.resolved, better.note) == (False, "the error is not above that of the reference")
+    assert (bad.resolved, bad.note) == (True, "")
+    assert not study.good
+
+
+# -- what is refused ----------------------------------------------------------------------------------------------------
+
+
+def test_there_is_nothing_to_trade_for_equal_balls(packing):
+    for words in (("velocities",), ("bands",), ("velocities", "bands")):
+        with pytest.raises(InputError, match=r"equal balls leave nothing to compare.*observe dos"):
+            tradeoff(packing, force=1.0, observe=words)
+
+
+@pytest.mark.parametrize("lattice", ["chain", "fcc"])
+@pytest.mark.parametrize("observe", ["velocities", "dos"])
+def test_there_is_nothing_to_trade_on_a_line_and_in_space(packing, lattice, observe):
+    with pytest.raises(InputError, match=f"nothing is compared on the {lattice} lattice.*in the plane only"):
+        tradeoff(replace(packing, lattice=lattice), pressure=1.0, observe=(observe,))
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({}, "there is no load"), ({"force": 1.0, "overlap": 1e-6}, "given as force and overlap"),
+        ({"force": 1.0, "runs": 4}, "runs: found 4; allowed: a whole number from 5"),
+        ({"force": 1.0, "budget": 0.0}, "budget: found 0.0"), ({"force": 1.0, "budget": "5"}, "budget: found '5'"),
+        ({"force": 1.0, "budget": math.inf}, "budget: found"), ({"force": 1.0, "budget": math.nan}, "budget: found"),
+        ({"force": 1.0, "most_loads": 0}, "most_loads: found 0"),
+        ({"force": 1.0, "observe": ("foo",)}, "observe.0: found 'foo'"),
+        ({"force": 1.0, "observe": "velocities"}, "observe: found"), ({"force": -1.0}, "tensile"),
+        ({"force": math.nan}, "finite"),
+        ({"force": 1.0, "finite_overlap": True}, "with finite overlap"), ({"force": []}, "force"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_asked(rough, options, told):
+    with pytest.raises(InputError, match=told):
+        tradeoff(rough, **options)
+
+
+def test_another_lattice_of_balls_that_differ_is_not_judged(steel):
+    for lattice in ("square", "kagome"):
+        with pytest.raises(InputError, match=f"on the {lattice} lattice"):
+            tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "finite", "told"),
+    [
+        ("chain", False, "on the chain lattice.*every medium is exact"),
+        ("bcc", False, "on the bcc lattice.*does not stand without friction"),
+        ("fcc", True, "with finite overlap.*paper's limit only"),
+    ],
+)
+def test_where_media_have_no_reference(steel, lattice, finite, told):
+    with pytest.raises(InputError, match=f"media are not compared {told}"):
+        tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0, finite_overlap=finite)
+
+
+@pytest.mark.parametrize(("lattice", "shape", "counted"), only([("fcc", "4 x 4 x 4", "balls")], [
+    ("fcc", "4 x 4 x 4", "balls"), ("hcp", "4 x 4 x 2", "cells"),
+]))  # fmt: skip
+def test_media_in_space_are_judged_by_samples_in_space(steel, measured, lattice, shape, counted):
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice)
+    knobs = LEAST | {MediaStudy: {"sides": (4,), "counts": (1,), "reference_side": 5}, MeshStudy: {}}
+    found = measured(packing, force=20.0, observe=("velocities", "dos"), knobs=knobs, budget=60.0, sample=1.0)
+    assert found.studies == (*DISORDER, "density of states")
+    run = {(point.method, point.knob): point for point in found.of("media") if not point.failure}
+    assert {("averaged lattice", "ala"), ("averaged force", "afa"), ("simulation, 1 sample", shape)} <= set(run)
+    assert not any("paper" in point.method for point in found.points)
+    assert f"{counted} at rest without friction, with control variates" in found.references["media"]
+    # the error of the averaged lattice, from samples of another size and seed
+    state = gp.DirectSimulation(packing, (6, 6, 4), seed=7, samples=4).at_force(20.0)
+    off = observe(gp.AveragedLattice(packing).at_force(20.0)) / observe(state) - 1.0
+    assert_allclose(run["averaged lattice", "ala"].errors[0], np.abs(off), rtol=0.15)
+    # what has no second method there is listed, with the reason
+    for study, words in (("Green's function", "triangular lattice"), ("density of states", "in the plane only")):
+        assert all(point.failure.startswith("not measured") and words in point.failure for point in found.of(study))
+        assert not found.references.get(study)
+
+
+def test_studies_are_those_that_are_observed(rough, packing):
+    def names(balls, *observe):
+        return [(study.name, study.observed) for study in choose_studies(balls, Load("force", (1.0,)), observe)]
+
+    velocities, scale = ("longitudinal", "transverse"), ("frequency",)
+    assert names(rough, "velocities") == [(name, velocities) for name in DISORDER]
+    assert names(rough, "bands") == [(name, scale) for name in DISORDER]
+    assert names(rough, "dos", "velocities") == [
+        *((name, (*velocities, *scale)) for name in DISORDER), ("density of states", ("dos",))
+    ]  # fmt: skip
+    assert names(packing, "dos", "velocities") == [("density of states", ("dos",))]
+
+
+@pytest.mark.parametrize(
+    ("given", "most", "taken"),
+    [
+        ([5.0, 1.0, 3.0, 1.0], 3, (1.0, 3.0, 5.0)), (range(1, 102), 3, (1.0, 51.0, 101.0)),
+        (range(1, 102), 1, (1.0,)), (range(1, 102), 5, (1.0, 26.0, 51.0, 76.0, 101.0)), (7.0, 3, (7.0,)),
+    ],
+)  # fmt: skip
+def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough, monkeypatch, clock, given, most, taken):
+    asked = []
+
+    def kept(packing, load, *rest):
+        asked.append(load.values)
+        return [FakeStudy(clock, [("m", "1", 0.01, 1e-2)])]
+
+    monkeypatch.setattr(tradeoffs, "choose_studies", kept)
+    tradeoff(rough, overlap=given, most_loads=most, budget=1.0, stopwatch=clock)
+    assert asked == [taken]
+
+
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_of_many_loads_of_equal_balls_a_single_one_is_the_greatest(rough, monkeypatch, clock, finite_overlap):
+    # at the greatest load the density of states with finite overlap differs most from that without
+    asked = []
+
+    def kept(*args):
+        asked.extend(choose_studies(*args))
+        return [FakeStudy(clock, [("m", "1", 0.01, 1e-2)])]
+
+    monkeypatch.setattr(tradeoffs, "choose_studies", kept)
+    balls = {"packing": replace(rough, spread=None), "observe": ["dos"], "finite_overlap": finite_overlap}
+    tradeoff(**balls, force=[9.0, 1.0, 5.0], most_loads=1, budget=1.0, stopwatch=clock)
+    (study,) = asked
+    assert (study.name, study.loads, study.state.force) == ("density of states", (9.0,), 9.0)
+
+
+# -- the numbers --------------------------------------------------------------------------------------------------------
+
+
+def test_every_point_is_there_once_and_has_its_costs(found):
+    assert list(found.studies) == DISORDER
+    assert len({(p.study, p.method, p.knob) for p in found.points}) == len(found.points)
+    assert found.observed == dict.fromkeys(DISORDER, ("longitudinal", "transverse", "frequency"))
+    assert found.loads == FORCES
+    assert found.runs == 5
+    run = [point for point in found.points if not point.failure]
+    assert len(run) >= 15
+    for point in run:
+        assert point.errors.shape == point.reference_errors.shape == (2, 3)
+        assert np.all(np.isfinite(point.errors))
+        assert np.all(point.errors >= 0.0)
+        assert point.seconds > 0.0 < point.memory
+        assert point.spread >= 0.0 <= point.setup
+        assert 0.0 < point.floor < 1.0
+    assert {p.method for p in run} >= {"averaged lattice", "averaged force", "effective medium", "graded triangles"}
+
+
+@pytest.mark.claim("tradeoff-budget")
+def test_a_budget_is_kept(found, meshes):
+    assert found.seconds <= found.budget == BUDGET
+    assert meshes.seconds <= meshes.budget == 4.0
+
+
+@pytest.fixture(scope="module")
+def reference(rough):
+    """That of the media, of as few samples as are looked at."""
+    return MediaStudy(disorder(rough)).find_reference(whenever(), lambda one: True, WorkCounter())
+
+
+def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, monkeypatch):
+    """Of a few balls, just above the start of the loading: the reference is the mean of the same samples, loaded so."""
+    monkeypatch.setattr("granphon.tradeoffs.media_study._CHECKED_SIDES", {2: 4})
+    monkeypatch.setattr("granphon.tradeoffs.media_study._SAMPLES_BETWEEN_LOOKS", 3)
+    force = 0.05 * rough.law.coefficient * rough.width**1.5
+    truth = gp.AutoMedium(rough, friction_history=True, friction_coefficient=0.5, shear_response="stick").truth
+    study = MediaStudy(replace(disorder(rough, (force,)), truth=truth), sides=(6,), counts=(1,), reference_side=6)
+    made = study.find_reference(whenever(), lambda one: True, WorkCounter())
+    assert "3 samples of 6 x 6 balls loaded with friction, mu = 0.5, shear_response stick" in made.made
+    assert "steps of a tenth of the tolerance differ by" in made.made
+    loaded = gp.DirectSimulation(rough, (6, 6), 1_000_000, 3, **truth.options).at_force(force)
+    assert_allclose(made.values[0], observe(loaded), rtol=1e-3)
+    methods = {point.method: point for point in study.make_points()}
+    assert {"simulation, 1 sample", "simulation with friction, 1 sample"} < set(methods)
+    assert methods["simulation with friction, 1 sample"].prepare(0).friction_coefficient == 0.5
+    assert not methods["simulation, 1 sample"].prepare(0).friction_history
+    assert "at rest without friction" in MediaStudy(disorder(rough, (force,)), reference_side=6).find_reference(
+        whenever(), lambda one: True, WorkCounter()
+    ).made  # fmt: skip
+
+
+def test_a_scene_with_a_history_names_the_truth_of_a_trade_off(tmp_path, monkeypatch, rough):
+    asked = []
+
+    def choose(*given):
+        asked.append(given[-1])
+        raise InputError("enough")
+
+    monkeypatch.setattr(tradeoffs, "choose_studies", choose)
+    scene = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: 6 N}
+medium: [ema, {simulation: {%s}}, {auto: {tolerance: 0.1, friction_history: true, friction_coefficient: 0.2}}]
+"""
+    file = tmp_path / "scene.yaml"
+    for mu in ("0.2", "0.5"):
+        file.write_text(scene % f"friction_history: true, friction_coefficient: {mu}", encoding="utf-8")
+        assert main(["tradeoff", str(file)]) == 2
+    # media that are loaded in two ways leave two truths
+    assert [str(one) for one in asked] == ["arrays loaded with friction, mu = 0.2, shear_response stick"]
+    with pytest.raises(InputError, match="found no friction_coefficient"):
+        tradeoff(rough, force=1.0, friction_history=True)
+
+
+def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, found, reference):
+    for method, knob, medium in (
+        ("averaged lattice", "ala", gp.AveragedLattice), ("averaged force", "afa", gp.AveragedForce),
+        ("effective medium", "computed field", gp.EffectiveMedium),
+    ):  # fmt: skip
+        point = point_of(found, "media", method, knob)
+        assert not point.failure
+        by_hand = np.abs(observe(medium(rough).at_force(np.array(FORCES))) / reference.values - 1.0)
+        assert np.all(np.abs(point.errors - by_hand) <= 5.0 * np.hypot(point.reference_errors, reference.errors))
+
+
+@pytest.mark.claim("tradeoff-references")
+def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, reference):
+    few = reference
+    assert "8 samples of 64 x 64 balls" in few.made
+    assert np.max(MediaStudy(disorder(rough, FORCES[:1])).compare_solvers(whenever())) < 1e-9
+    # an independent large sample
+    array = observe(gp.DirectSimulation(rough, (96, 96), 5).at_force(np.array(FORCES)))
+    chance = few.errors + np.std([observe(gp.DirectSimulation(rough, (40, 40), s).at_force(np.array(FORCES))) for s in
+                                  range(6)], axis=0, ddof=1) / few.values / 4.0  # fmt: skip
+    assert np.all(np.abs(array / few.values - 1.0) < 4.0 * chance)
+
+
+def test_errors_of_the_grid_are_what_xi_makes_of_velocities(rough, found):
+    """To first order: against a law with the coarse Xi in place of the true one."""
+    from granphon.laws.effective import EffectiveLaw
+
+    law = gp.EffectiveMedium(rough).law
+    eta = rough.mindlin_ratio
+    for number, graded in ((2, True), (4, False)):
+        xi = local_field_on(number, eta, graded)
+        other = EffectiveLaw(law.coefficient, law.width, law.shape, xi)
+        k = [one.stiffness(one.overlap(np.array(FORCES))) for one in (law, other)]
+        point = point_of(found, DISORDER[1], "graded triangles" if graded else "uniform grid", str(number))
+        expected = np.abs(np.sqrt(k[1] / k[0]) - 1.0)
+        assert_allclose(point.errors, np.repeat(expected[:, None], 3, axis=1), rtol=0.02)
+
+
+def test_fixed_grids_converge_to_the_local_field_with_their_order():
+    for eta in (0.0, 0.3, 0.84, 1.3):
+        right = local_field(mindlin_ratio=eta).xi
+        graded = [abs(local_field_on(n, eta, True) / right - 1.0) for n in (3, 6, 12)]
+        assert graded[2] < 1e-8
+        assert graded[1] < 0.1 * graded[0]
+        uniform = [abs(local_field_on(n, eta, False) / right - 1.0) for n in (16, 32, 64)]
+        orders = np.log2(np.array(uniform[:-1]) / uniform[1:])
+        assert_allclose(orders, 4.0, atol=0.3)
+    with pytest.raises(InputError, match="points: found 1"):
+        local_field_on(1, 0.5, True)
+    with pytest.raises(InputError, match="mindlin_ratio"):
+        local_field_on(4, -0.5, True)
+
+
+def test_a_uniform_grid_is_the_sum_over_a_finite_sample():
+    """The twin: D(q) by hand, F^T D^-1 F/6 with the twelve corona forces, at the same wave vectors."""
+    from granphon.tradeoffs.references import _compute_compliance
+
+    vectors = np.array([[1.0, 0.0], [0.5, math.sqrt(0.75)]])
+    reciprocal = 2.0 * np.pi * np.linalg.inv(vectors).T
+    ticks = (np.arange(6) + 0.5) / 6.0
+    for eta in (0.0, 0.84):
+        compliance = np.mean([_compute_compliance(np.array([a, b]) @ reciprocal, eta) for a in ticks for b in ticks])
+        assert_allclose(local_field_on(6, eta, False), 1.0 / compliance - 1.0, rtol=1e-12)
+
+
+def test_a_finer_knob_is_more_accurate_where_the_reference_can_tell(found):
+    for method in ("graded triangles", "uniform grid"):
+        errors = [p.error for p in found.of(DISORDER[1]) if p.method == method and p.resolved]
+        assert len(errors) >= 2
+        assert np.all(np.diff(errors) < 0.0), method
+
+
+def test_the_solution_of_the_effective_medium_is_judged_at_the_scene_s_forces(rough):
+    study = SolutionStudy(disorder(rough))
+    reference = study.find_reference(whenever(), lambda one: False, WorkCounter())
+    unit = rough.law.coefficient * rough.width**1.5
+    assert_allclose(study.disorder.forces, np.array(FORCES) / unit, rtol=1e-12)
+    state = gp.EffectiveMedium(rough).at_force(np.array(FORCES))
+    assert_allclose(reference.values * unit / rough.width, state.normal_stiffness, rtol=1e-10)
+    errors: dict[str, list[float]] = {}
+    for point in study.make_points():
+        if (point.method, point.knob) != ("3 stages", "1e-04"):  # which takes long
+            errors.setdefault(point.method, []).append(
+                np.max(study.compute_errors([point.solve(point.prepare(0))], reference))
+            )
+    for method, several in errors.items():
+        assert several[-1] < 0.05 * several[0], method
+    assert errors["16 stages"][-1] < 1e-9
+
+
+def test_what_differs_in_samples_is_their_floor(found):
+    for point in found.of("media"):
+        if point.failure:
+            continue
+        if not point.random:
+            assert point.floor < 1e-14
+        else:
+            # an rms of five draws and their standard deviation
+            assert 0.3 * point.error < point.floor < 3.0 * point.error
+
+
+def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, steel):
+    for force in (3.0, 18.446, 100.0):
+        one = disorder(rough, (force,))
+        step = 1e-6
+
+        def velocity(packing, load):
+            return float(gp.sound_velocities(gp.EffectiveMedium(packing).at_force(load)).longitudinal)
+
+        here = velocity(rough, force)
+        by_load = abs(velocity(rough, force * (1.0 + step)) / here - 1.0) / step
+        wider = replace(rough, spread=gp.Uniform(WIDTH * (1.0 + step)))
+        by_width = abs(velocity(wider, force) / here - 1.0) / step
+        assert_allclose(one.condition, 1.0 + by_load + by_width, rtol=1e-3)
+
+
+# -- the mesh of the density of states ----------------------------------------------------------------------------------
+
+
+def test_a_mesh_that_is_finer_puts_fewer_modes_into_a_wrong_interval(packing, meshes):
+    assert meshes.studies == ("density of states",)
+    assert meshes.loads == (18.446,)
+    study = MeshStudy(packing, Load("force", (18.446,)), False)
+    reference = study.find_reference(whenever(), lambda one: True, WorkCounter())
+    assert_allclose(reference.values[-1], 3.0, rtol=1e-9)
+    assert np.max(reference.errors) < 1e-4
+    points = {(point.method, point.knob): point for point in study.make_points()}
+    for method in ("tetrahedron", "smearing"):
+        some = [points[method, f"{mesh} x {mesh}"] for mesh in (8, 16, 32)]
+        errors = [study.compute_errors([one.solve(one.prepare(0))], reference).item() for one in some]
+        assert np.all(np.diff(errors) < 0.0), method
+        assert 0.0 < errors[-1] < errors[0] < 1.0
+
+
+@pytest.mark.parametrize("lattice", ["triangular", "square", "kagome"])
+def test_modes_below_an_edge_are_counted_right_on_every_lattice(steel, lattice):
+    """The study's own histogram against the frequencies of the mesh, counted one by one."""
+    study = MeshStudy(gp.Packing(steel, 8e-3, lattice=lattice), Load("force", (10.0,)), False)
+    phonons = gp.Phonons(study.state)
+    below = study.count_below(phonons.dos((64, 64)))
+    ticks = (np.arange(64) + 0.5) / 64.0
+    q = np.stack([*np.meshgrid(ticks, ticks), np.zeros((64, 64))], axis=-1).reshape(-1, 3)
+    counted = phonons.frequencies(q) / study.state.scales.frequency
+    balls = counted.shape[1] / 3
+    right = np.array([np.sum(counted < edge) for edge in study.edges]) / len(q) / balls
+    assert_allclose(below[-1], 3.0, atol=0.01)
+    assert compare_counts(below, right) < 0.1
+    assert compare_counts(right, right) == 0.0
+
+
+def test_what_is_displaced_is_a_part_of_the_modes():
+    one, other = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.0, 2.0, 3.0])
+    assert compare_counts(one, other) == pytest.approx(1.0 / 3.0)
+    assert compare_counts(np.array([0.0, 3.0, 3.0, 3.0]), np.array([0.0, 0.0, 0.0, 3.0])) == 1.0
+
+
+def test_a_density_of_states_with_finite_overlap_is_judged_at_the_greatest_load(packing):
+    study = MeshStudy(packing, Load("force", (1.0, 1e5)), True)
+    assert study.loads == (1e5,)
+    assert study.lattice.is_prestressed
+    assert not MeshStudy(packing, Load("force", (1.0, 1e5)), False).lattice.is_prestressed
+
+
+# -- references keep the time -------------------------------------------------------------------------------------------
+
+
+class Over(Exception):
+    """Raised by a check."""
+
+
+def test_long_references_can_be_ended(rough, hexagonal):
+    calls = []
+
+    def check():
+        calls.append(None)
+        if len(calls) == 3:
+            raise Over
+
+    from granphon.array.sparse import SparseArray
+
+    sample = gp.DirectSimulation(rough, (12, 12)).at_force(5.0).samples[0].equilibrium
+    for work in (
+        lambda: integrate_curve(gp.Uniform(1.0).shape, 2.4, [0.3], check=check),
+        lambda: count_modes(hexagonal, np.linspace(0.1, 2.0, 400), 512, check),
+        lambda: SparseArray(sample.deviations).forces(sample.overlap, check=check),
+    ):
+        calls.clear()
+        with pytest.raises(Over):
+            work()
+        assert len(calls) == 3
+
+
+def test_a_reference_that_does_not_fit_is_said_to(rough, packing):
+    past = Deadline(WorkCounter(), 99.0)
+    for study in (
+        MediaStudy(disorder(rough)),
+        SolutionStudy(disorder(rough)),
+        MeshStudy(packing, Load("force", (1.0,)), False),
+    ):
+        with pytest.raises(GranphonError, match="budget"):
+            study.find_reference(past, lambda one: False, WorkCounter())
+
+
+def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, clock):
+    lists = []
+
+    def solved(shape, *_):
+        clock.work(3.0)
+        lists.append(shape)
+
+    monkeypatch.setattr(disorder_module, "solve_curve", solved)
+    rng = np.random.default_rng(0)
+
+    def study(count):
+        d = 8e-3 + 1e-6 * rng.standard_normal(count)
+        packing = gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist())))
+        return Disorder(packing, Load("force", (1.0,)), (), clock)
+
+    assert study(4).solving == 0.0
+    assert not lists
+    for count, most in ((60, 60), (150, 150), (600, 192)):  # longer lists are put together
+        found = study(count)
+        assert 0.75 * most < len(found.shape.positions) <= most
+        # of 20 diameters, as all openings differ: those of n diameters are n (n + 1) / 2
+        grown = found.shape.openings.size / 210.0
+        assert found.solving == pytest.approx(3.0 * grown**1.1, rel=1e-4)
+        assert len(lists[-1].positions) == 20
+    assert len(lists) == 3
+
+
+@pytest.mark.parametrize(
+    ("load", "least"),
+    [
+        ({"force": 1e-9}, 0),
+        pytest.param({"force": 0.02}, 1, marks=pytest.mark.exhaustive),
+        pytest.param({"overlap": 0.0}, 5, marks=pytest.mark.exhaustive),
+        ({"pressure": 4e3}, 5),
+        ({"force": 1e5}, 5),
+        ({"force": 1e7}, 0),
+    ],
+)
+def test_extreme_and_other_loads_list_what_fails(rough, measured, load, least):
+    result = measured(rough, **load, budget=20.0, knobs=LEAST)
+    assert sum(not point.failure for point in result.points) >= least
+    assert result.kind == next(iter(load))
+    for point in result.points:
+        assert bool(point.failure) == (not point.errors.size)
+    describe_tradeoff(result, 2)
+
+
+# -- what is written ----------------------------------------------------------------------------------------------------
+
+
+def parsed(result):
+    return list(csv.DictReader(io.StringIO(result.csv())))
+
+
+def test_the_table_has_every_number(found):
+    rows = parsed(found)
+    run = [point for point in found.points if not point.failure]
+    assert len(rows) == 6 * len(run) + len(found.points) - len(run)
+    for point in run:
+        mine = [row for row in rows if (row["study"], row["method"], row["knob"]) == (point.study, point.method, point.knob)]
+        errors = np.array([float(row["error (1)"]) for row in mine]).reshape(2, 3)
+        assert_array_equal(errors, point.errors)
+        assert [float(row["force"]) for row in mine] == [force for force in FORCES for _ in range(3)]
+        assert [row["observed"] for row in mine] == ["longitudinal", "transverse", "frequency"] * 2
+        assert {float(row["seconds (s)"]) for row in mine} == {point.seconds}
+        assert {int(row["memory (B)"]) for row in mine} == {point.memory}
+        limits = np.array([float(row["reference_error (1)"]) for row in mine]).reshape(2, 3)
+        assert [row["resolved"] == "True" for row in mine] == (errors >= BETTER * limits).ravel().tolist()
+
+
+def test_a_density_of_states_beside_media_is_written_at_its_own_load(clock):
+    mesh = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], name="density of states")
+    mesh.observed, mesh.loads = ("dos",), (2.0,)
+    media = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], name="media")
+    rows = parsed(measure(media, mesh, budget=60.0))
+    assert [(row["study"], float(row["force"])) for row in rows] == [
+        ("media", 1.0), ("media", 2.0), ("density of states", 2.0)
+    ]  # fmt: skip
+
+
+def test_a_result_comes_back_from_its_dictionary(found):
+    data = found.to_dict()
+    back = TradeOff.from_dict(data)
+    assert back == found
+    assert back.csv() == found.csv()
+    assert isinstance(back.points[0], MeasuredPoint)
+    assert describe_tradeoff(back, 2) == describe_tradeoff(found, 2)
+
+
+def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
+    lines = describe_tradeoff(found, 2)
+    assert lines[0] == "errors at 2 loads, 10 N to 60 N; 5 warm runs each"
+    for point in found.points:
+        assert sum(line.startswith(f"  {point.method} ") and f" {point.knob} " in line for line in lines) >= 1
+    assert sum(line.startswith("  reference: ") for line in lines) == len(found.references)
+    assert lines[-1].startswith("took ")
+
+
+@pytest.mark.parametrize("which", ["found", "meshes"])
+def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(which, request):
+    result = request.getfixturevalue(which)
+    figure = tradeoff_figure(result)
+    figure.canvas.draw()
+    axes = [ax for ax in figure.axes if ax.axison]
+    assert [ax.get_title().split("\n")[0].lower() for ax in axes] == [name.lower() for name in result.studies]
+    for ax, study in zip(axes, result.studies, strict=True):
+        assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+        assert ax.get_xlabel() == "Time (s)"
+        drawn = [p for p in result.of(study) if not p.failure and p.error > 0.0]
+        curves = {h.get_label(): h.lines[0] for h in ax.containers}
+        assert set(curves) == {p.method for p in drawn}
+        for method, line in curves.items():
+            mine = [p for p in drawn if p.method == method]
+            assert_array_equal(line.get_xdata(), [p.seconds for p in mine])
+            assert_array_equal(line.get_ydata(), [p.error for p in mine])
+        failed = [p for p in result.of(study) if p.failure]
+        assert any("not run" in text.get_text() for text in ax.texts) == bool(failed)
+    from matplotlib.text import Text
+
+    texts = [text for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
+    assert min(text.get_fontsize() for text in texts) >= 7.0
+
+
+def test_there_is_a_diagram_only_of_what_was_studied(meshes):
+    from matplotlib.figure import Figure
+
+    with pytest.raises(InputError, match="no study 'media'"):
+        plot_work_precision(meshes, "media", Figure().subplots())
+
+
+# -- the command line ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_command_writes_table_and_picture(work, capsys):
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "200 ms", "--loads", "1"]) == 0
+    assert sorted(path.name for path in (work / "out").iterdir()) == [".granphon-files", "tradeoff.csv", "tradeoff.png"]
+    out, err = capsys.readouterr()
+    assert "Green's function (of longitudinal, transverse)" in out
+    assert "Wrote tradeoff.csv, tradeoff.png into out" in out
+    assert err == ""
+    rows = list(csv.DictReader(io.StringIO((work / "out" / "tradeoff.csv").read_text(encoding="utf-8"))))
+    assert {row["force"] for row in rows} <= {"10.0", ""}
+    # an existing one is kept, and that is found out before anything is measured
+    before = (work / "out" / "tradeoff.csv").read_bytes()
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "20 minutes"]) == 1
+    assert "--force" in capsys.readouterr().err
+    assert (work / "out" / "tradeoff.csv").read_bytes() == before
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "1 ms", "-q", "--force"]) == 0
+    assert (work / "out" / "tradeoff.csv").read_bytes() != before
+
+
+def test_a_command_that_was_cut_off_goes_on(work, capsys, monkeypatch):
+    def never(study, *_):
+        raise KeyboardInterrupt
+
+    command = ["tradeoff", "scene.yaml", "-o", "out", "--loads", "1", "-q", "--budget"]
+    with monkeypatch.context() as patch:
+        patch.setattr(GridStudy, "make_points", never)
+        assert main([*command, "200 ms"]) == 130
+    told = "no result was written. The finished parts are kept: run the same command again to continue."
+    assert capsys.readouterr().err == f"granphon: error: interrupted; {told}\n"
+    assert [path.name for path in (work / "out").iterdir()] == [".granphon-sweep"]
+    for other in ([*command, "300 ms"], ["run", "scene.yaml", "-o", "out"]):
+        assert main(other) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "out/.granphon-sweep holds the finished part of other work, which was interrupted" in err
+    with monkeypatch.context() as patch:
+        patch.setattr(MediaStudy, "make_points", never)  # it is finished
+        assert main([*command, "200 ms"]) == 0
+    assert sorted(path.name for path in (work / "out").iterdir()) == [".granphon-files", "tradeoff.csv", "tradeoff.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--budget", "10"], "found '10', without a unit"), (["--budget", "-3 s"], "--budget"),
+        (["--budget", "0 s"], "--budget"),
+        (["--budget", "3 m"], "--budget"), (["--budget", ""], "--budget"), (["--budget", "nan s"], "--budget"),
+        (["--budget", "inf s"], "--budget"), (["--runs", "4"], "--runs"), (["--loads", "0"], "--loads"),
+        (["-o", ""], "--out is empty"), (["--wrkers", "2"], "--wrkers"),
+    ],
+)  # fmt: skip
+def test_mistakes_on_the_command_line(work, capsys, arguments, told):
+    assert main(["tradeoff", "scene.yaml", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert told in err
+    assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (", spread: {uniform: 2.04 um}|", "equal balls leave nothing to compare"),
+        ("8 mm|8 mm, lattice: square", "on the square lattice"),
+        ("8 mm|8 mm, finite_overlap: true", "with finite overlap"),
+        ("medium: ema|sweep: {width: [1 um, 2 um]}", "scene.yaml sweeps width"),
+    ],
+)
+def test_scenes_that_have_no_trade_off(work, capsys, change, told):
+    (work / "scene.yaml").write_text(SCENE.replace(*change.split("|")), encoding="utf-8")
+    assert main(["tradeoff", "scene.yaml", "-o", "out"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert told in err
+    assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+def test_a_file_in_the_place_of_the_folder(work, capsys):
+    (work / "out").write_text("mine", encoding="utf-8")
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "20 minutes"]) == 1
+    assert "is not a folder" in capsys.readouterr().err
+    assert (work / "out").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_leaves_nothing(work, which):
+    # it says when it begins to measure, and only then is it interrupted
+    code = (
+        "import sys\n"
+        "from granphon.cli.commands import main\n"
+        "from granphon.tradeoffs import measure\n"
+        "carry_out = measure.carry_out\n"
+        "def tell(*arguments): print('measuring', flush=True); return carry_out(*arguments)\n"
+        "measure.carry_out = tell\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    command = [sys.executable, "-c", code, "tradeoff", "scene.yaml", "-o", "out", "--budget", "1 hour"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout.readline() == "measuring\n"
+        for _ in range(6):  # one that falls into a finaliser or a callback of compiled code may be lost
+            running.send_signal(which)
+            try:
+                out, err = running.communicate(timeout=30)
+                break
+            except subprocess.TimeoutExpired:
+                continue
+        else:
+            running.kill()
+    assert running.returncode == 130
+    assert out == ""
+    assert err.startswith("granphon: error: interrupted; no result was written.")
+    assert err.count("\n") == 1
+    assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+def test_grids_are_timed_by_what_is_asked_of_them(rough):
+    """Preparation and solution, through the study's own points."""
+    for study in (GridStudy(disorder(rough)), SolutionStudy(disorder(rough)), MediaStudy(disorder(rough))):
+        points = study.make_points()
+        assert len({(point.method, point.knob) for point in points}) == len(points)
+        first = points[0]
+        assert np.all(np.isfinite(first.solve(first.prepare(0))))
+    random = [point for point in MediaStudy(disorder(rough)).make_points() if point.random]
+    assert [point.seconds for point in random] == sorted(point.seconds for point in random)
+    # another draw in every run, and the same in the same
+    draws = [random[0].solve(random[0].prepare(run)) for run in (0, 1, 0)]
+    assert np.all(draws[0] != draws[1])
+    assert_array_equal(draws[0], draws[2])
