@@ -32,7 +32,8 @@ PAGE = DOCS / "reference" / "validation.md"
 
 _CLAIM = re.compile(r"<!-- claim: ([a-z0-9-]+) -->")
 _PRODUCER = re.compile(
-    r"`(?:(?P<test>tests/(?:\w+/)?test_\w+\.py)::(?P<name>test_\w+)|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
+    r"`(?:(?P<test>tests/(?:\w+/)?test_\w+\.py)::(?P<name>test_\w+)"
+    r"|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
     r"|(?P<example>examples/\w+\.py)|(?P<blocks>blocks))`"
 )
 
