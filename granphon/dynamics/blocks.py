@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InstabilityError, message
 from granphon.dynamics.linalg import cholesky_factor, find_dependent, find_rank, graded_eigh, graded_svd, lapack_svd
-from granphon.dynamics.wave_rows import WaveRows, bend, bend_slope
+from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
 Array = NDArray[np.float64]
 #: relative difference of frequencies below which branches are treated as one degenerate set
