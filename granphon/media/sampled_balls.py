@@ -20,7 +20,7 @@ from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
 from granphon.base.validation import lengths, whole
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.medium import Option
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
-from granphon.dynamics.modes import Modes
+from granphon.dynamics.contact_lattice import Modes
 from granphon.media.sample_means import SampleMeans
 from granphon.media.sampled_waves import SampledWaves
 from granphon.observables.pulses import PulseVelocities
