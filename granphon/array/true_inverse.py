@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
 from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
@@ -44,8 +43,8 @@ def factorise(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inv
     from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
     from scipy.sparse.linalg import splu
 
-    j = number_cells(frame.shape, [row.shift for row in frame.rows])
-    number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
+    i, j = frame.ends_of_rows()
+    number = np.arange(j.size)
     head, tail = frame.coefficients
     c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
     columns = np.array(list(tables))

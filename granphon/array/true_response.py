@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.coupling import SymmetricProduct
+from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
@@ -71,7 +70,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     holding = 0.0 if symmetric else HOLDING * stiff
 
     table = place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
-    product = SymmetricProduct(place.geometry.frame.coupling, np.array(list(table))) if symmetric else None
+    product = place.geometry.frame.couple(np.array(list(table))) if symmetric else None
 
     def apply(vector: Array) -> Array:
         if product is not None:
@@ -88,7 +87,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
-            motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
+            motion, taken, stable = conjugate_gradients(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
             done = stable and taken < _RESPONSE_STEPS
         else:
             # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
