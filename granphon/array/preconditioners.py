@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
+from granphon.array.sparse_matrices import compose, factorise
 from granphon.array.stencils import Stencils
 
 __all__ = ["MOST_BALLS", "Preconditioners", "compose_rows", "factorise_contacts"]
@@ -101,15 +102,12 @@ def compose_rows(
 
     Other arguments are those of :func:`factorise_contacts`; columns are (fields, balls).
     """
-    from scipy.sparse import csr_array  # imported here: most simulations do not need it
-
-    fields, balls, entries = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
+    fields, balls, parts = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
             here = np.flatnonzero(row[kind, field])
-            entries.append((row[kind[here], field], here, balls * field + ends[kind[here], contact[here]]))
-    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-    return csr_array((values, (rows, columns)), shape=(kind.size, fields * balls))
+            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
+    return compose(parts, (kind.size, fields * balls))
 
 
 def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, stiffness: Array) -> Inverse:
@@ -126,7 +124,6 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     stiffness : (kinds, contacts), not negative.
     """
     from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
-    from scipy.sparse.linalg import splu
 
     fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
     stiff = stiffness > _STIFF * mean
@@ -139,13 +136,7 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
     scale = 1.0 / np.sqrt(matrix.diagonal())
     matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)
-    factors = splu(
-        matrix.tocsc().astype(np.float32),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,  # the matrix is symmetric and positive definite
-        relax=1,  # larger supernodes would fill this one with zeros
-        options={"SymmetricMode": True, "Equil": False},
-    )
+    factors = factorise(matrix, approximate=True)
 
     def apply(force: Array) -> Array:
         scaled = scale * force.ravel()
