@@ -57,8 +57,8 @@ def elasticity(state: Equilibrium, shear: ArrayLike, torsion: ArrayLike = 0.0, b
     own.forget()  # many samples may be kept, each with a large Green's function
     measure = state.lattice.measure * np.prod(stencils.shape)
     tensor = np.zeros((len(affine), len(affine)))
-    for spring, one, moved in zip(stiffness, affine.swapaxes(0, 1), stencils.each_row(motions), strict=True):
-        strained = one - moved
-        for a, first in enumerate(strained):
-            tensor[a] += [dot(spring * first, second) for second in strained]
+    strained = [one - stencils.operator.deform(motion) for one, motion in zip(affine, motions, strict=True)]
+    for a, first in enumerate(strained):
+        tension = stiffness * first
+        tensor[a] = [dot(tension, second) for second in strained]
     return tensor / measure

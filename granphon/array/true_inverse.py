@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
+from granphon.array import sparse_matrices
 from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
@@ -49,24 +49,21 @@ def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
     ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
     ``stiffness`` is the mean one of contacts.
     """
-    from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
-    j = number_cells(frame.shape, [row.shift for row in frame.rows])
-    number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
+    i, j = frame.ends_of_rows()
+    number = np.arange(j.size)
     head, tail = frame.coefficients
     c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
     columns = np.array(list(tables))
     of_contact = number.reshape(1, len(columns), -1)
-    at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
-    d: Any = coo_array((columns.ravel(), (at[0], at[1])), shape=(j.size, j.size)).tocsr()
+    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
     return (c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
 
 
 def factorise(frame: Stencils, matrix: Any) -> Inverse:
     """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``."""
-    from scipy.sparse.linalg import splu
-
-    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
+    factors = sparse_matrices.factorise(matrix, pivot=0.1)
 
     def hold(fields: Array) -> Array:
         """Return motions without that of the whole array, or forces without that on it: nothing resists it."""
