@@ -61,7 +61,7 @@ class NewtonIterate(NamedTuple):
     Attributes
     ----------
     overlap, balls : y and the displacements.
-    excess, root : (contacts, L1, ..., Lp) h_+^(3/2) - y_+^(3/2) and, in single precision, h_+^(1/2).
+    root : (contacts, L1, ..., Lp) h_+^(1/2) of the contacts, in single precision.
     rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
     force, spread : mean and standard deviation of the contact forces.
     level : mean stiffness of the contacts.
@@ -70,7 +70,6 @@ class NewtonIterate(NamedTuple):
 
     overlap: float
     balls: Array
-    excess: Array
     root: Array
     rest: Motion
     force: float
@@ -83,7 +82,7 @@ class NewtonIterate(NamedTuple):
         cls, y: float, balls: Array, means: Array, load: ReducedLoad, stencils: Stencils, forces: _Forces | None = None
     ) -> NewtonIterate:
         """Return the state with the ``forces`` of contacts, if these are at hand."""
-        forces = forces or _Forces.find(y, means - stencils.operator.deform(balls))
+        forces = forces or _Forces.find(y, balls, means, stencils)
         pull = stencils.forces(forces.excess)
         contacts, common = means.size, max(y, 0.0) ** 1.5
         mean, square, stiffness = (one / contacts for one in (forces.sum, forces.square, 1.5 * forces.roots))
@@ -95,11 +94,11 @@ class NewtonIterate(NamedTuple):
         push *= abs(push) > _LOAD_ROUNDING * force + spacing * stiffness
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
         spread, rest = math.sqrt(max(0.0, square - mean**2)), Motion(pull, contacts * push)
-        return cls(y, balls, forces.excess, forces.root, rest, force, spread, stiffness, left)
+        return cls(y, balls, forces.root, rest, force, spread, stiffness, left)
 
     def distance(self, least: float, stencils: Stencils) -> float:
         """Return the force left over the scale that tolerances are of; forces no larger than ``least`` count as that."""
-        push = self.rest.compression / self.excess.size
+        push = self.rest.compression / self.root.size
         scale = min(self.force, max(self.spread, self.level * least))
         # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
         moved = float(np.max(np.abs(self.balls))) if len(stencils.shape) == 1 else 0.0
@@ -118,8 +117,10 @@ class _Forces(NamedTuple):
     roots: float
 
     @classmethod
-    def find(cls, y: float, differences: Array) -> _Forces:
-        """Find them from the differences of overlaps, which they overwrite."""
+    def find(cls, y: float, balls: Array, means: Array, stencils: Stencils) -> _Forces:
+        """Find them from the overlap y and the displacements."""
+        differences = stencils.operator.deform(balls)
+        np.subtract(means, differences, out=differences)
         root: Array = differences.astype(np.float32)
         sums = np.zeros(3)
         flat, roots = differences.reshape(-1), root.reshape(-1)
@@ -147,7 +148,7 @@ def take_step(
     )
     for _ in range(_LENGTH_TRIALS):
         y, balls = here.overlap + length * step.compression, here.balls + length * step.balls
-        forces = _Forces.find(y, means - stencils.operator.deform(balls))
+        forces = _Forces.find(y, balls, means, stencils)
         slope = -dot(forces.excess, strain)
         if load.overlap is None:
             slope += step.compression * means.size * (max(y, 0.0) ** 1.5 - load.force)
