@@ -56,7 +56,7 @@ def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
     number = np.arange(j.size)
     head, tail = frame.coefficients
     c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
-    columns = np.array(list(tables))
+    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
     of_contact = number.reshape(1, len(columns), -1)
     d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
     return (c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
