@@ -1,7 +1,7 @@
 """Some two hundred results over all features at full precision, to be compared before and after a change of structure.
 
-    python tests/record.py FILE.npz              writes them
-    python tests/record.py FILE.npz --compare    computes them again, and lists what differs by more than it may
+    python -m tests.record FILE.npz              writes them
+    python -m tests.record FILE.npz --compare    computes them again, and lists what differs by more than it may
 
 Arrays may differ by 1e-13 of their largest entry, frequencies near Gamma each by that of itself, results of simulations by
 the residual of their equilibria. Eigenvectors are recorded as projectors on each set of degenerate modes.

@@ -53,7 +53,7 @@ DOCS = ROOT / "docs"
 MADE = ("_build", "gallery")
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in MADE)]
 #: commands that a page may have and that are not run here: they install, or run this very suite
-NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python tests/record.py")
+NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python -m tests.record")
 
 #: statements of values and commands in some pages, at least
 LEAST = {"README.md": 4, "tutorial/steel.md": 14, "how-to/ase.md": 15, "how-to/python.md": 15, "explanation/ladder.md": 8}

@@ -25,7 +25,7 @@ _CACHED = 2**14
 
 
 class ReducedLoad(NamedTuple):
-    """ReducedLoad load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*.
+    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*.
 
     If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell keeps its size. In the
     true geometry the boundary shrinks with the cell.
