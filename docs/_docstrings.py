@@ -32,7 +32,7 @@ ALIASES = {
     "Law": "granphon.media.state.ContactLaw",
     "SampleLaw": "granphon.media.state.ContactLaw",
     "StateT": "granphon.media.state.ContactState",
-    "Compatibility": "granphon.dynamics.modes.ContactLattice",
+    "Compatibility": "granphon.dynamics.contact_lattice.ContactLattice",
     "TrueEquilibrium": "granphon.array.equilibrium.Equilibrium",
     "PressedEquilibrium": "granphon.array.equilibrium.Equilibrium",
     "Equilibrium": "granphon.array.equilibrium.Equilibrium",

@@ -4,13 +4,14 @@ A ball whose contacts all slide, or a row of balls that roll on each other, is h
 forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these,
 and iterations with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of
 the lattice. In space rows of balls roll, of which a ball alone knows nothing: there the whole matrix is factorised (sparse
-LU), of a small array at once, of a larger one where iterations do not come to an end without.
+LU). The matrix of a small array is factorised at once, which takes less time than iterations without factors; that of a
+larger one where iterations do not come to an end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,25 +23,25 @@ from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
 
 Array = NDArray[np.float64]
-#: largest numbers of balls in space whose matrix is factorised: at once, and where iterations without factors do not come to
-#: an end. The time that factors take grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s
-_MOST_AT_ONCE, _MOST_BALLS = 2**9, 2**11
+#: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
+#: time than iterations without, by trial
+_MOST_AT_ONCE = (2**10, 2**9)
+#: the same where iterations without factors do not come to an end. In space the time grows as the power 2.5 of it: 1000
+#: balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
+_MOST_BALLS = (2**14, 2**11)
 #: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
 #: like gears, and what is left of torques, rounding among it, would turn them without limit
 HOLDING = 1e-10
 
 
 def is_small(stencils: Stencils) -> bool:
-    """Return whether an array is so small that factors of its matrix cost less than iterations without; in space alone."""
+    """Return whether an array is so small that factors of its matrix cost less than iterations without."""
     return can_factorise(stencils, _MOST_AT_ONCE)
 
 
-def can_factorise(stencils: Stencils, most: int = _MOST_BALLS) -> bool:
-    """Return whether factors of its matrix can be had: of an array in space with no more than ``most`` balls.
-
-    In a plane they are not needed.
-    """
-    return len(stencils.shape) == 3 and math.prod(stencils.shape) * stencils.n_balls <= most
+def can_factorise(stencils: Stencils, most: Sequence[int] = _MOST_BALLS) -> bool:
+    """Return whether an array has no more balls than ``most``, which is given for a plane and for space."""
+    return math.prod(stencils.shape) * stencils.n_balls <= most[len(stencils.shape) - 2]
 
 
 def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
@@ -62,11 +63,17 @@ def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
     return (c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
 
 
-def factorise(frame: Stencils, matrix: Any) -> Inverse:
-    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``."""
+def factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
+    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``.
+
+    If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are not all above zero.
+    """
     from scipy.sparse.linalg import splu
 
-    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
+    least = 0.0 if symmetric else 0.1  # below which a pivot, over the largest of its column, is not taken
+    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=least, options={"SymmetricMode": True})
+    if symmetric and not (np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)):
+        return None
 
     def hold(fields: Array) -> Array:
         """Return motions without that of the whole array, or forces without that on it: nothing resists it."""

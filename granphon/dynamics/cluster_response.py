@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 
 Array = NDArray[np.float64]
 #: most contacts of a cluster: the work for one grows as their cube

@@ -30,7 +30,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arguments import not_negative, whole_number
 from granphon.base.errors import MechanismError, PrecisionError, message
 from granphon.base.results import Result
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ from granphon.balls.lattices import Lattice, as_direction
 from granphon.base.errors import InstabilityError, message
 from granphon.base.results import read_only
 from granphon.dynamics.linalg import cholesky_factor
-from granphon.dynamics.long_waves import voigt_pairs
-from granphon.dynamics.polarisations import decompose_waves
+from granphon.dynamics.long_waves import decompose_waves, voigt_pairs
 
 Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
@@ -129,7 +128,7 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
 
     Returns
     -------
-    velocities : (..., p), or (..., n, p), in the order of :func:`~granphon.dynamics.polarisations.name_waves`, in the root
+    velocities : (..., p), or (..., n, p), in the order of :func:`~granphon.dynamics.long_waves.name_waves`, in the root
         of the tensor's unit: over the root of the density they are velocities.
     polarisations : (..., p, p), or (..., n, p, p), unit vectors as columns.
 

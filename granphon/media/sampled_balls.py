@@ -23,7 +23,7 @@ from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
 from granphon.base.validation import choice, lengths, require, whole
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.equilibria import require_load
 from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
 from granphon.media.left_out import EXACT, GEOMETRIES, LATTICE, can_be_exact, choose_geometries

@@ -17,7 +17,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import has_cubic_axes
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw

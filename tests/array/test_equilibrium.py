@@ -489,4 +489,4 @@ def test_state_is_plain_data_that_pickles():
     assert not state.balls.flags.writeable
     assert not state.deviations.flags.writeable
     assert again.stiffness == state.stiffness
-    assert repr(state).startswith("Equilibrium(deviations=<array (8, 8)>")
+    assert repr(state).startswith("Equilibrium(deviations=[array 8 x 8, -0.")
