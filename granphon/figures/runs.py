@@ -137,11 +137,10 @@ class Run:
         """Return another load of the fitted packing under contact forces, N."""
         assert self.fit is not None
         fit = self.fit
-        if x == "overlap" and fit.choice.simulates:
+        if x == "overlap" and fit.choice.stand_in != fit.choice:
             why = "The overlap in a simulation is not in proportion to anything that was measured"
             raise InputError(message(f"the fit {self.name} has no overlaps", why, "Draw it over the force"))
-        choice = fit.choice if not fit.choice.simulates else type(fit.choice)("ala")
-        state = choice.of(fit.packing).at_force(force, finite_overlap=fit.waves.finite_overlap)
+        state = fit.choice.stand_in.of(fit.packing).at_force(force, finite_overlap=fit.waves.finite_overlap)
         return np.asarray(getattr(state, x), float)
 
     def _find_fit(self, fit: WidthFit, x: str) -> Iterable[Curve]:
