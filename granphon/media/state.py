@@ -17,7 +17,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import has_cubic_axes
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
@@ -172,8 +172,7 @@ class ContactState(Result):
         finite overlap the spacing a stands in place of d. Raises :class:`~granphon.base.errors.InputError` if the stress of
         the lattice is not a pressure.
         """
-        structure = self.packing.structure
-        return structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage) ** (structure.periods - 1)
+        return self.packing.structure.pressure_per_force(self.packing.diameter * self._shrinkage) * self.force
 
     @property
     def effective_density(self) -> Values:

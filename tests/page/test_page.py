@@ -20,7 +20,7 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError
 from granphon.cli.commands import main
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.choice import MediumChoice
 from granphon.page.bundle import fill_template, join_modules, read_asset
 from granphon.page.lattice_data import describe_lattice
