@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from granphon.balls.distributions import Shape
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
-from granphon.laws.collocation import solve_curve
-from granphon.laws.effective import EffectiveLaw, make_averages
+from granphon.laws.effective import EffectiveLaw, solve_curve
 from granphon.laws.effective_curve import EffectiveCurve
 from granphon.media.mean_field import EffectiveMedium
 from granphon.tradeoffs.disorder import MOST_OPENINGS, DisorderStudy
@@ -52,15 +51,11 @@ class SolutionStudy(DisorderStudy):
         shape = self.disorder.shape
 
         def make_point(stages: int, tolerance: float) -> Point:
-            def solve(averages: Any) -> Array:
-                xi = self._xi
-                law = _LawOfCurve(1.0, 1.0, shape, xi, solve_curve(shape, xi, averages, stages, tolerance))
+            def solve(_: Any) -> Array:
+                law = _LawOfCurve(1.0, 1.0, shape, self._xi, solve_curve(shape, self._xi, stages, tolerance))
                 return np.asarray(law.stiffness(law.overlap(self.disorder.forces)))
 
-            def prepare(run: int) -> Any:
-                return make_averages(shape, self._xi)
-
-            return Point(f"{stages} stages", f"{tolerance:.0e}", prepare, solve, self.disorder.solving)
+            return Point(f"{stages} stages", f"{tolerance:.0e}", lambda run: None, solve, self.disorder.solving)
 
         return [make_point(stages, tolerance) for stages, several in self.tolerances.items() for tolerance in several]
 
