@@ -17,7 +17,7 @@ from .balls.material import Material as Material
 from .balls.packing import Packing as Packing
 from .base.errors import GranphonError as GranphonError
 from .base.scales import Units as Units
-from .dynamics.modes import ContactLattice as ContactLattice
+from .dynamics.contact_lattice import ContactLattice as ContactLattice
 from .figures.plot import plot as plot
 from .fits.fit import fit_width as fit_width
 from .media.choice import AutoMedium as AutoMedium

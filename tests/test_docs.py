@@ -51,7 +51,7 @@ DOCS = ROOT / "docs"
 MADE = ("_build", "gallery")
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in MADE)]
 #: commands that a page may have and that are not run here: they install, or run this very suite
-NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python tests/record.py")
+NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python -m tests.record")
 
 #: characters for which the column of a page has room
 COLUMN = 88

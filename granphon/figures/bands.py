@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
 from granphon.figures.zones import find_reciprocal, name_corners, plot_zone
 from granphon.observables.velocities import SoundVelocities

@@ -21,7 +21,7 @@ from granphon.base.staging import write_text
 from granphon.base.text import counted, plain_yaml, show, write_float
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
-from granphon.dynamics.modes import Modes
+from granphon.dynamics.contact_lattice import Modes
 from granphon.phonons.phonopy_atoms import (
     OFFSET,
     SPIN,
@@ -43,7 +43,7 @@ _LENGTH_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhononModes(Modes):
-    """:class:`~granphon.dynamics.modes.Modes` converted to SI units: Hz, rad/m and m/s; eigenvectors are unchanged."""
+    """:class:`~granphon.dynamics.contact_lattice.Modes` in SI units: Hz, rad/m and m/s; eigenvectors are unchanged."""
 
     units = {"wavevectors": "rad/m", "frequencies": "Hz", "group_velocities": "m/s"}
 

@@ -35,7 +35,7 @@ from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows
 from granphon.media.state import ContactState, Law, given_state
 from granphon.networks.network import ContactNetwork
@@ -339,7 +339,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return np.asarray((overlap != self._overlap) | (law is not self.state.law))
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
-        """Return the harmonic :class:`~granphon.dynamics.modes.ContactLattice` of any cell of these balls, about the state.
+        """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about the state.
 
         Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is that
         of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.

@@ -22,7 +22,7 @@ from granphon.base.arguments import grid_numbers, positive, real_array, whole_nu
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
@@ -62,7 +62,7 @@ class Phonons:
     ----------
     state, atoms : the state, and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
-    lattice : the :class:`~granphon.dynamics.modes.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
+    lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
     phonopy : the :class:`ContactPhonopy` object.
 
     Raises

@@ -12,7 +12,7 @@ from granphon.scene.result_files import SWEEP_FIGURES, draw_sweep, figure_name, 
 from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
 
 if TYPE_CHECKING:
-    from granphon.dynamics.modes import ContactLattice
+    from granphon.dynamics.contact_lattice import ContactLattice
 
 
 #: what of the waves in samples is drawn

@@ -31,8 +31,8 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.text import read_yaml, require_schema
-from granphon.scene.fields import DIAMETERS_FILE
 from granphon.scene.plan import Plan
+from granphon.scene.rules import DIAMETERS_FILE
 from granphon.scene.specification import Specification
 
 #: tables of the balls and contacts of a sample that was loaded with friction
@@ -132,7 +132,7 @@ def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append("dos.csv")
     if {"bands", "dos"} & set(scene.observe):
         drawn.append(figure_name("bands" in scene.observe))
-    for arrays in plan.rung.arrays:
+    for arrays in plan.serving.arrays:
         names.append("sample.extxyz")
         names += SAMPLE_TABLES if arrays.friction_history else ()
         drawn.append("forces.png")

@@ -17,7 +17,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.laws.collocation import solve_curve
 from granphon.laws.effective import make_averages
-from granphon.media.accuracy import REST, ReferenceModel
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
@@ -45,7 +45,7 @@ class Disorder:
     load: Load
     quantities: tuple[str, ...]
     stopwatch: Stopwatch = SECONDS
-    truth: ReferenceModel = REST
+    truth: FrictionHistory = REST
 
     @property
     def columns(self) -> list[int]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.progress import Step
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, Study, leave_out

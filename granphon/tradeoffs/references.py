@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.distributions import PointShape, Shape
 from granphon.base.arguments import not_negative, whole_number
 from granphon.base.errors import InputError, PrecisionError, message
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.laws.spread import STIFFNESS, high_pressure_series
 
 Array = NDArray[np.float64]

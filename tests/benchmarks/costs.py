@@ -31,7 +31,7 @@ WATCHED = {
     ("granphon.phonons.force_constants", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
-    ("granphon.dynamics.modes", "ContactLattice.modes"): "modes",
+    ("granphon.dynamics.contact_lattice", "ContactLattice.modes"): "modes",
     ("granphon.array.equilibrium", "equilibrate"): "equilibria",
     ("granphon.array.response", "elasticity"): "linear responses",
     ("matplotlib.figure", "Figure.savefig"): "figures",

@@ -10,8 +10,8 @@ import pytest
 import granphon as gp
 from granphon.balls.lattices import SQUARE, TRIANGULAR, Lattice
 from granphon.base.errors import InputError, PrecisionError
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import local_field, local_field_on
-from granphon.dynamics.modes import ContactLattice
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import FORCE
 from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
