@@ -45,7 +45,7 @@ from granphon.fits import measurements
 from granphon.media import choice as ladder
 from granphon.media import simulation
 from granphon.observables import velocities as observables
-from granphon.scene import schema
+from granphon.scene.fields import FIELDS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -53,7 +53,7 @@ DOCS = ROOT / "docs"
 MADE = ("_build", "gallery")
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in MADE)]
 #: commands that a page may have and that are not run here: they install, or run this very suite
-NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python tests/record.py")
+NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python -m tests.record")
 
 #: statements of values and commands in some pages, at least
 LEAST = {"README.md": 4, "tutorial/steel.md": 14, "how-to/ase.md": 15, "how-to/python.md": 15, "explanation/ladder.md": 8}
@@ -445,16 +445,6 @@ def rows(text: str, *heads: str) -> list[list[str]]:
     return [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in found.splitlines()]
 
 
-def keys() -> list[str]:
-    """Every key of a scene file, blocks written out."""
-    rules = schema.scene_rules(DOCS)
-    return [
-        f"{name}.{key}" if key else name
-        for name, rule in rules.items()
-        for key in (rule if isinstance(rule, dict) else [""])
-    ]
-
-
 def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
     monkeypatch.syspath_prepend(DOCS)
     import _generate
@@ -474,7 +464,7 @@ def test_every_public_name_is_on_a_page_of_the_interface(monkeypatch):
 
 def test_every_key_of_the_schema_has_its_row():
     table = rows(reference("scene"), "key", "what it is", "allowed", "SI unit", "default")
-    assert sorted(row[0] for row in table) == sorted(f"`{key}`" for key in keys())
+    assert sorted(row[0] for row in table) == sorted(f"`{field.key}`" for field in FIELDS)
     for key, said, allowed, unit, default in table:
         assert all((said, allowed, default)), key
         assert bool(unit) == ("with its unit" in allowed), key

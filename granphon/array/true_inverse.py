@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
+from granphon.array import sparse_matrices
 from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
@@ -50,16 +50,15 @@ def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
     ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
     ``stiffness`` is the mean one of contacts.
     """
-    from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
-    j = number_cells(frame.shape, [row.shift for row in frame.rows])
-    number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
+    i, j = frame.ends_of_rows()
+    number = np.arange(j.size)
     head, tail = frame.coefficients
     c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
-    columns = np.array(list(tables))
+    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
     of_contact = number.reshape(1, len(columns), -1)
-    at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
-    d: Any = coo_array((columns.ravel(), (at[0], at[1])), shape=(j.size, j.size)).tocsr()
+    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
     return (c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
 
 
@@ -68,10 +67,7 @@ def factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse 
 
     If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are not all above zero.
     """
-    from scipy.sparse.linalg import splu
-
-    least = 0.0 if symmetric else 0.1  # below which a pivot, over the largest of its column, is not taken
-    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=least, options={"SymmetricMode": True})
+    factors = sparse_matrices.factorise(matrix, pivot=0.0 if symmetric else 0.1)
     if symmetric and not (np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)):
         return None
 

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.coupling import SymmetricProduct
+from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
@@ -70,7 +69,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     matrix = compose(frame, stiff, _tabulate(place, acting)) if wanted else None
     inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
     inverse, most = next(inverses)
-    product = SymmetricProduct(frame.coupling, np.array(list(_tabulate(place, acting)))) if symmetric else None
+    product = frame.couple(np.array(list(_tabulate(place, acting)))) if symmetric else None
 
     def apply(vector: Array) -> Array:
         if product is not None:
@@ -89,7 +88,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
-            motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, most, floor)
+            motion, taken, stable = conjugate_gradients(apply, precondition, right, _RESPONSE, most, floor)
             done = stable and taken < most
         else:
             # where balls hardly differ, what a strain leaves is rounding of the forces that it makes

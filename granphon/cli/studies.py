@@ -17,7 +17,7 @@ from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
-    from granphon.media.accuracy import ReferenceModel
+    from granphon.media.friction_history import FrictionHistory
     from granphon.scene.scene import Scene
 
 
@@ -198,6 +198,7 @@ def measure_tradeoff(
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.cli.wording import describe_tradeoff
+    from granphon.media.friction_history import REFERENCE_OPTIONS
     from granphon.scene.result_files import WORK_FILE
     from granphon.scene.scene import Scene
     from granphon.sweeps.schedulers import open_executor, require_workers
@@ -213,7 +214,8 @@ def measure_tradeoff(
         files.require_free()
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
-    given: dict[str, Any] = {load.kind: load.values, **_find_truth(scene, read).options}
+    truth = _find_truth(scene, read).options
+    given: dict[str, Any] = {load.kind: load.values, **{name: truth[name] for name in REFERENCE_OPTIONS}}
     work = None if out is None else Path(out) / WORK_FILE
     failures: dict[str, str] | None = None
 
@@ -252,11 +254,11 @@ def measure_tradeoff(
             say(line)
 
 
-def _find_truth(scene: str, read: Scene) -> ReferenceModel:
+def _find_truth(scene: str, read: Scene) -> FrictionHistory:
     """Return the truth that the media of a scene name: arrays at rest without friction, unless one has a history."""
-    from granphon.media.accuracy import REST
+    from granphon.media.friction_history import REST
 
-    found = list(dict.fromkeys(choice.truth for choice in read.media if choice.truth.is_loaded)) or [REST]
+    found = list(dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)) or [REST]
     if len(found) > 1:
         what = f"the media of {scene} are loaded with friction in {len(found)} ways"
         raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.history import START_SPACING
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
-from granphon.media.accuracy import REST, ReferenceModel, read_truth
 from granphon.media.cluster import ClusterMedium
+from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
 from granphon.media.ladder import expected_error, list_rungs, require_known, require_within
 from granphon.media.left_out import EXACT, LATTICE
-from granphon.media.loading import HISTORY_OPTIONS, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import MediumBase, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
@@ -31,17 +29,7 @@ from granphon.media.state import ContactState, read_finite_overlap
 Array = NDArray[np.float64]
 
 
-def _read_of_truth(attribute: str, kind: Any, meaning: str) -> Any:
-    """Return the property of an :class:`AutoMedium` that reads an attribute of its truth, which alone holds the value."""
-
-    def find(medium: AutoMedium) -> Any:
-        return getattr(medium.truth, attribute)
-
-    find.__annotations__["return"] = kind  # for the page of the interface
-    return property(find, doc=meaning)
-
-
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class AutoMedium(MediumBase[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
@@ -76,27 +64,27 @@ class AutoMedium(MediumBase[ContactState]):
 
     packing: Packing
     tolerance: float = 1e-3
-    friction_history: bool = _read_of_truth("is_loaded", bool, "Whether the truth is arrays loaded with friction.")
-    friction_coefficient: float | None = _read_of_truth(
-        "friction_coefficient", float | None, "Mu of the truth, without a unit; None of arrays at rest without friction."
-    )
-    shear_response: str = _read_of_truth("shear_response", str, "How contacts of the truth resist sound.")
-    #: the simulated arrays that expected errors are relative to
-    truth: ReferenceModel = field(init=False, repr=False, compare=False)
+    friction_history: bool = False
+    friction_coefficient: float | None = REST.friction_coefficient
+    shear_response: str = REST.shear_response
 
     options = {
         "tolerance": Option(tolerance, partial(number, low=1e-12, high=0.99)),
-        **{name: HISTORY_OPTIONS[name] for name in ("friction_history", "friction_coefficient", "shear_response")},
+        **{name: HISTORY_OPTIONS[name] for name in REFERENCE_OPTIONS},
     }
 
-    def __init__(
-        self, packing: Packing, tolerance: float = 1e-3, friction_history: bool = False,
-        friction_coefficient: float | None = None, shear_response: str = REST.shear_response,
-    ) -> None:  # fmt: skip
-        object.__setattr__(self, "packing", given_packing(packing))
-        object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))
-        truth = read_truth("AutoMedium", friction_history, friction_coefficient, shear_response)
-        object.__setattr__(self, "truth", truth)
+    def __post_init__(self) -> None:
+        given_packing(self.packing)
+        tolerance = require("tolerance", self.options["tolerance"].rule, self.tolerance)
+        options = {name: self.truth.options[name] for name in REFERENCE_OPTIONS}
+        for name, value in {"tolerance": tolerance, **options}.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def truth(self) -> FrictionHistory:
+        """The simulated arrays that expected errors are relative to."""
+        given = {name: getattr(self, name) for name in REFERENCE_OPTIONS}
+        return require("AutoMedium", FrictionHistory.read, given)  # type: ignore[no-any-return]
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
@@ -184,13 +172,13 @@ class MediumChoice:
         return found
 
     def on(self, lattice: Lattice) -> MediumChoice:
-        """Return the same choice for a lattice, on which a shape and a start at their defaults are left out, as others are.
+        """Return the same choice for a lattice, on which a shape at its default is left out, as other options are.
 
         Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
         """
         options = read_inside(self.name, partial(_read_options, self.name, lattice=lattice), dict(self.options))
-        defaults = ("shape", DEFAULT_SHAPES[lattice.periods]), ("start", START_SPACING)
-        return MediumChoice(self.name, tuple(one for one in options.items() if one not in defaults))
+        default = "shape", DEFAULT_SHAPES[lattice.periods]
+        return MediumChoice(self.name, tuple(one for one in options.items() if one != default))
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
@@ -200,13 +188,10 @@ class MediumChoice:
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if not self.truth.is_loaded:
+        if not self.history.is_loaded:
             found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
-        start = found.get("start", 0.0)
-        if isinstance(start, Load):
+        if isinstance(start := found.get("start"), Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
-        elif start is None:
-            found["start"] = START_SPACING
         return {name: value for name, value in found.items() if value is not None}
 
     @property
@@ -221,11 +206,11 @@ class MediumChoice:
         return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
 
     @property
-    def truth(self) -> ReferenceModel:
-        """The simulated arrays that it names: loaded with friction if it has a history, otherwise at rest without."""
-        return ReferenceModel.of(self.settings)
+    def history(self) -> FrictionHistory:
+        """How the simulated arrays that it names come to their load: with friction if it has a history, else at rest."""
+        return FrictionHistory.read(dict(self.options))
 
-    def expected_error(self, packing: Packing, load: Load, against: ReferenceModel = REST) -> Array:
+    def expected_error(self, packing: Packing, load: Load, against: FrictionHistory = REST) -> Array:
         """Return the expected relative error of velocities and frequencies, with the shape of the load.
 
         It is +inf where the error is not known; see :func:`~granphon.media.ladder.expected_error`.
@@ -244,7 +229,7 @@ class MediumChoice:
         That is so by name, or after a history of friction; otherwise the geometry is left to the load (:meth:`by_geometry`).
         """
         named = dict(self.options).get("geometry")
-        return named == EXACT or (named is None and self.simulates and self.truth.is_loaded)
+        return named == EXACT or (named is None and self.simulates and self.history.is_loaded)
 
     def has_finite_overlap(self, asked: bool) -> bool:
         """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
@@ -306,7 +291,7 @@ class ServingMedium:
     packing: Packing
     load: Load
     chosen: bool = False
-    truth: ReferenceModel = REST
+    truth: FrictionHistory = REST
     is_part: bool = False
 
     @property
@@ -357,12 +342,12 @@ class ServingMedium:
         return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
 
-def _list_options(packing: Packing, against: ReferenceModel) -> list[MediumChoice]:
+def _list_options(packing: Packing, against: FrictionHistory) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
     return [MediumChoice(name, tuple(options.items())) for name, options in list_rungs(packing, against)]
 
 
-def _sort_options(packing: Packing, load: Load, against: ReferenceModel = REST) -> list[MediumChoice]:
+def _sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
     return sorted(_list_options(packing, against), key=lambda one: rough_time(one.of(packing), load))
 
@@ -409,8 +394,7 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
 
         rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
-    if "friction_history" in rules:
-        refuse_without_history(found)
+    FrictionHistory.read(found)
     return found
 
 

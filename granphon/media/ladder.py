@@ -16,19 +16,18 @@ from numpy.typing import NDArray
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.media.accuracy import FRICTIONLESS, REST, ReferenceModel, accuracy
+from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.equilibria import reduce_load
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.left_out import EXACT, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.sizes_and_times import SIDES, even_shape
 
 Array = NDArray[np.float64]
-#: the options of a simulation that change which samples of a truth it takes, and how many
-_SAMPLE_OPTIONS = frozenset({"shape", "seed", "samples"})
 
 
-def list_rungs(packing: Packing, against: ReferenceModel = REST) -> list[tuple[str, dict[str, Any]]]:
+def list_rungs(packing: Packing, against: FrictionHistory = REST) -> list[tuple[str, dict[str, Any]]]:
     """Return the name and the options of each medium of the ladder; the last is the largest simulation of the truth."""
     if not packing.spread_matters:
         return [(AveragedLattice.name, {})]  # exact for equal balls, and on a line
@@ -41,7 +40,7 @@ def list_rungs(packing: Packing, against: ReferenceModel = REST) -> list[tuple[s
 
 
 def expected_error(
-    name: str, options: Mapping[str, Any], packing: Packing, load: Load, against: ReferenceModel = REST
+    name: str, options: Mapping[str, Any], packing: Packing, load: Load, against: FrictionHistory = REST
 ) -> Array:
     """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
 
@@ -58,8 +57,8 @@ def expected_error(
     if not packing.spread_matters:
         return np.zeros(load.shape)
     deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
-    known, own = accuracy(), ReferenceModel.of(options)
-    loaded_otherwise = own.is_loaded and not _takes_samples_of(options, against)
+    known, own = accuracy(), FrictionHistory.read(options)
+    loaded_otherwise = own.is_loaded and (own != against or options.get("geometry", EXACT) != EXACT)
     if name not in known.media() or options.get("local_field") == "paper" or loaded_otherwise:
         return np.full(load.shape, np.inf)
     ratio = known.ratio(packing, against)
@@ -75,23 +74,13 @@ def expected_error(
     return apart + chance + 0.5 * find_left_out(rest, medium.geometry)
 
 
-def _takes_samples_of(options: Mapping[str, Any], against: ReferenceModel) -> bool:
-    """Return whether a simulation loads its samples as a truth does: it may differ in their number, shape and seed alone."""
-    exact = options.get("geometry", EXACT) == EXACT
-    return (
-        ReferenceModel.of(options) == against
-        and exact
-        and options.keys() <= {"geometry", *_SAMPLE_OPTIONS, *against.options}
-    )
-
-
-def require_known(packing: Packing, against: ReferenceModel) -> None:
+def require_known(packing: Packing, against: FrictionHistory) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a packing or a truth for which no errors are known."""
     if (why := accuracy().explain_uncovered(packing, against)) is not None:
         raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
 
 
-def require_within(tolerance: float, errors: Array, packing: Packing, load: Load, against: ReferenceModel) -> None:
+def require_within(tolerance: float, errors: Array, packing: Packing, load: Load, against: FrictionHistory) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if at one of the loads no medium is within a tolerance.
 
     ``errors`` (n_media, n_loads) are those of all media. The error says what can be had at the worst of the loads, whose
@@ -106,7 +95,7 @@ def require_within(tolerance: float, errors: Array, packing: Packing, load: Load
     raise error
 
 
-def _explain_unmet(tolerance: float, least: float, packing: Packing, load: Load, against: ReferenceModel) -> str:
+def _explain_unmet(tolerance: float, least: float, packing: Packing, load: Load, against: FrictionHistory) -> str:
     """Return the message for one load at which the least error of all media is above the tolerance, or not known (+inf)."""
     structure = packing.structure
     where = load.describe(structure.periods) + f" against {against}" * against.is_loaded

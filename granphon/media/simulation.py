@@ -28,8 +28,9 @@ from granphon.base.results import read_only
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
-from granphon.media.loading import LoadedBalls, Loading, press_all, require_above, require_path
+from granphon.media.loading import LoadedSample, press_all, require_above
 from granphon.media.medium import MediumBase
+from granphon.media.sampled_balls import SampledBalls
 from granphon.media.sampled_waves import SampledWaves
 from granphon.media.state import read_finite_overlap
 
@@ -274,7 +275,7 @@ class SimulatedState(SampledWaves):
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
+class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -350,8 +351,8 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
             why = "Balls that have their true geometry overlap as much as they do"
             raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
         prescribed = self.prescribed(load)
-        if self.loading is not None:
-            return self._press(self.loading, load, prescribed)
+        if self.history.is_loaded:
+            return self._press(load, prescribed)
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
@@ -396,18 +397,15 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
         meaning, and for numbers that do not say which load they are; and what :meth:`at` raises. If a load is not reached,
         the error's ``reached`` is the state at those before it, None if there is none.
         """
-        if self.loading is None:
+        if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
             raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
         load = _read_path(load, force=force, pressure=pressure, overlap=overlap)
         simulation = replace(self, ordered=True)
-        loading, prescribed = replace(self.loading, ordered=True), simulation.prescribed(load)
-        return simulation._press(loading, load, prescribed, progress)
+        return simulation._press(load, simulation.prescribed(load), progress)
 
-    def _press(
-        self, loading: Loading, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
-    ) -> SimulatedState:
-        samples, reached, error = press_all(self, loading, prescribed, progress)
+    def _press(self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent) -> SimulatedState:
+        samples, reached, error = press_all(self, prescribed, progress)
         if error is None:
             return SimulatedState.of(self, samples, load)
         if reached:
@@ -438,26 +436,33 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
         It may be below the start of a loading, as far as that is known before the start is found.
         """
         require_load(self.packing, load, self._largest)
-        loading = self.loading
-        if loading is not None and not loading.ordered and isinstance(loading.start, ReducedLoad) and self.packing.width:
-            require_above(loading.start, prescribe(self.packing, load, self.is_exact))
+        if (start := self._start) is not None:
+            require_above(start, prescribe(self.packing, load, self.is_exact))
+
+    @property
+    def _start(self) -> ReducedLoad | None:
+        """The start below which no load may be, in reduced units; None if there is none, or if it is found as at the gas."""
+        history = self.history
+        if not history.is_loaded or history.ordered or not self.packing.width:
+            return None
+        start = history.reduce_start(self.packing, self.is_exact)
+        return start if isinstance(start, ReducedLoad) else None
 
     def require_start(self, load: Load) -> None:
         """Raise as :meth:`require` does where the start of a loading is of another kind than the load: the start is solved.
 
         A start as a force is at another overlap in each sample, and one as an overlap at another force.
         """
-        if self.loading is not None and self.count_start(load):
+        if self.count_start(load):
             path = self.prescribed(load)
             for index in range(self.samples):
-                require_path(self.packing, read_only(self.deviations(index)), self.loading, path, self.workers)
+                LoadedSample.of(self, index).require_start(path)
 
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""
-        loading = self.loading
-        if loading is None or loading.ordered or not isinstance(loading.start, ReducedLoad) or not self.packing.width:
+        start, exact = self._start, self.is_exact
+        if start is None:
             return 0.0
-        start, exact = loading.start, self.is_exact
         by_force = start.overlap is None
         if all((one.overlap is None) == by_force for one in self.prescribed(load)):
             return 0.0

@@ -446,7 +446,7 @@ class _SampleJob(_ArrayJob):
         except GranphonError as error:
             if error.reached is None:
                 raise
-            order, count = simulation.loading.sort(simulation.prescribed(self.load)), len(error.reached.force)
+            order, count = simulation.history.sort(simulation.prescribed(self.load)), len(error.reached.force)
             return end_early(self._record(error.reached.samples), sorted(order[:count]), self.load.size, error)
 
     def observe(self, analysis: Analysis) -> TaskResult:

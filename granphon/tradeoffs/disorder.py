@@ -16,7 +16,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.laws.effective import solve_curve
-from granphon.media.accuracy import REST, ReferenceModel
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
@@ -44,7 +44,7 @@ class Disorder:
     load: Load
     quantities: tuple[str, ...]
     stopwatch: Stopwatch = SECONDS
-    truth: ReferenceModel = REST
+    truth: FrictionHistory = REST
 
     @property
     def columns(self) -> list[int]:

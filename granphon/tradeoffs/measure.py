@@ -20,7 +20,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.digests import digest
@@ -30,7 +29,7 @@ from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
-from granphon.media.accuracy import read_truth
+from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.sweeps.jobs import to_json
 from granphon.sweeps.store import Store, TaskResult
 from granphon.sweeps.tasks import solve_all
@@ -211,8 +210,8 @@ def tradeoff(
     observe: Sequence[str] = ("velocities",),
     finite_overlap: bool = False,
     friction_history: bool = False,
-    friction_coefficient: float | None = None,
-    shear_response: str = SHEAR_RESPONSES[0],
+    friction_coefficient: float | None = REST.friction_coefficient,
+    shear_response: str = REST.shear_response,
     budget: float = 180.0,
     most_loads: int = 3,
     runs: int = LEAST_RUNS,
@@ -265,7 +264,8 @@ def tradeoff(
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
     observe = require("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
-    against = read_truth("tradeoff", friction_history, friction_coefficient, shear_response)
+    given = dict(zip(REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True))
+    against = require("tradeoff", FrictionHistory.read, given)
     loads = np.unique(load.array)
     if most_loads == 1 and not packing.width:
         loads = loads[-1:]

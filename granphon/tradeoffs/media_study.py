@@ -16,8 +16,8 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.media.accuracy import REST, ReferenceModel
 from granphon.media.cost import estimate, write_duration
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.left_out import LATTICE
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
@@ -94,7 +94,7 @@ class MediaStudy(DisorderStudy):
             return prepare
 
         def prepare_simulation(
-            shape: tuple[int, ...], samples: int, of: ReferenceModel
+            shape: tuple[int, ...], samples: int, of: FrictionHistory
         ) -> Callable[[int], DirectSimulation]:
             return lambda run: DirectSimulation(packing, shape, run * samples, samples, **of.options)
 
@@ -151,7 +151,7 @@ class MediaStudy(DisorderStudy):
         loaded = self.disorder.truth.is_loaded
         other = "velocities in steps of a tenth of the tolerance" if loaded else "equilibrium and response by sparse LU"
         checked = f"of one of {_write_shape(self.checked_shape)}, {other} differ by {np.max(apart):.0e}"
-        made = f"{balls} {self.disorder.truth.told}, with control variates; {checked}"
+        made = f"{balls} {self.disorder.truth.words}, with control variates; {checked}"
         return Reference(ensemble.values[:, columns], errors[:, columns], made)
 
     def compare_steps(self) -> Array:

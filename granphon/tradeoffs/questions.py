@@ -17,7 +17,7 @@ from __future__ import annotations
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.media.accuracy import REST, ReferenceModel
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.tradeoffs.disorder import Disorder
@@ -35,7 +35,7 @@ def choose_studies(
     observe: tuple[str, ...],
     finite_overlap: bool = False,
     stopwatch: Stopwatch = SECONDS,
-    truth: ReferenceModel = REST,
+    truth: FrictionHistory = REST,
 ) -> list[Study]:
     """Return the studies that make sense for a packing, the media first; see :func:`granphon.tradeoffs.measure.tradeoff`."""
     found: list[Study] = []
@@ -60,7 +60,7 @@ def choose_studies(
     return found
 
 
-def _require_reference(packing: Packing, finite_overlap: bool, truth: ReferenceModel) -> None:
+def _require_reference(packing: Packing, finite_overlap: bool, truth: FrictionHistory) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if balls that differ have no simulated array to judge the media by."""
     structure = packing.structure
     where, mend = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out"

@@ -22,10 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
-from granphon.waves.chebyshev import polynomials
+from granphon.waves.chebyshev import Kernel, Moments, polynomials
 from granphon.waves.eigenproblem import RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit
-from granphon.waves.kernel import Kernel
-from granphon.waves.moments import Moments
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -141,11 +140,6 @@ def _read_polarisations(value: Any) -> tuple[str, ...]:
     return found
 
 
-def write_settings(settings: SpectrumSettings | PulseSettings) -> Mapping[str, Any]:
-    """Return a block as a scene file holds it, in SI units; defaults that depend on the array are left out."""
-    given = {field.name: getattr(settings, field.name) for field in fields(settings)}
-    return {
-        name: _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value
-        for name, value in given.items()
-        if value is not None
-    }
+def write_setting(name: str, value: Any) -> Any:
+    """Return a value of one of the two blocks as a scene file holds it, in SI units."""
+    return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value

@@ -16,12 +16,11 @@ from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import find_network_warnings
 from granphon.waves.array_operator import make_operator
 from granphon.waves.dos import SpectralDensity, find_dos
-from granphon.waves.eigenpairs import require_stable
-from granphon.waves.modes import NetworkModes, find_modes
+from granphon.waves.modes import NetworkModes, find_modes, require_stable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import nearest_wavevectors
+from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse
-from granphon.waves.sending import PulseSource, transmit
 from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
 
 Array = NDArray[np.float64]

@@ -357,6 +357,13 @@ def test_copies_and_pickles_are_equal_and_read_only():
     assert len(repr(gp.Phonons(state[0]).bands(npoints=51))) < 1000
 
 
+def test_a_result_prints_its_numbers_and_their_units():
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
+    moduli = gp.moduli(state)
+    assert repr(moduli).endswith(f"isotropic=yes, cubic=no, bulk={moduli.bulk:.6g} Pa, shear={moduli.shear:.6g} Pa)")
+    assert repr(state).startswith("ContactState(packing=Packing, medium=ala, force=18.446 N, overlap=1.93925e-06 m, ")
+
+
 def test_a_refusal_goes_on_with_what_is_no_sentence_of_its_own():
     assert str(Refused("1", "a word", "the table is empty.")) == "found 1; allowed: a word; the table is empty."
     assert str(Refused("1", "a word", "Did you mean 'one'?")) == "found 1; allowed: a word. Did you mean 'one'?"

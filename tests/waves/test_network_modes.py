@@ -11,7 +11,8 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
-from granphon.waves import eigenpairs, filtering
+from granphon.waves import filtering
+from granphon.waves import modes as mode_finder
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -38,8 +39,8 @@ METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6)}
 def method(request, monkeypatch):
     """Each of the two methods of networks that are not too large, for any size."""
     dense, factored = METHODS[request.param]
-    monkeypatch.setattr(eigenpairs, "DENSE", dense)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
+    monkeypatch.setattr(mode_finder, "DENSE", dense)
+    monkeypatch.setattr(mode_finder, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
     return request.param
 
 
@@ -66,8 +67,8 @@ def test_methods_agree_on_disorder(monkeypatch):
     waves = gp.Waves(gp.DirectSimulation(packing, shape=(10, 10), seed=3).at_force(0.2).sample)
     found = []
     for dense, factored in METHODS.values():
-        monkeypatch.setattr(eigenpairs, "DENSE", dense)
-        monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
+        monkeypatch.setattr(mode_finder, "DENSE", dense)
+        monkeypatch.setattr(mode_finder, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
         found.append(waves.modes(6))
     for other in found[1:]:
         assert other.zero_modes == found[0].zero_modes
@@ -188,7 +189,7 @@ def test_factors_miss_no_mode(monkeypatch):
     """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it, and more are asked for."""
     import scipy.sparse.linalg as linear
 
-    monkeypatch.setattr(eigenpairs, "DENSE", 1)
+    monkeypatch.setattr(mode_finder, "DENSE", 1)
     network, bands = ideal(shape=(12, 12))
     plain, asked = linear.eigsh, []
 
@@ -222,9 +223,9 @@ def test_static_forces_lower_frequencies(method):
 @pytest.fixture
 def filters(monkeypatch):
     """Modes are filtered, and not found among all by the dense matrix."""
-    monkeypatch.setattr(eigenpairs, "DENSE", 1)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
-    monkeypatch.delattr(eigenpairs, "_find_dense")
+    monkeypatch.setattr(mode_finder, "DENSE", 1)
+    monkeypatch.setattr(mode_finder, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
+    monkeypatch.delattr(mode_finder, "_find_dense")
     monkeypatch.setattr(filtering, "_STARTS", (6, 4))  # fewer than usual: the networks are small
 
 
@@ -348,8 +349,8 @@ def test_filters_find_what_factors_do_in_space(target, monkeypatch):
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="fcc")
     waves = gp.Waves(gp.DirectSimulation(packing, shape=(12, 12, 12), seed=3).at_force(0.2).sample)
     exact = waves.modes(6, target)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
-    monkeypatch.delattr(eigenpairs, "_find_dense")
+    monkeypatch.setattr(mode_finder, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
+    monkeypatch.delattr(mode_finder, "_find_dense")
     modes = waves.modes(6, target)
     np.testing.assert_allclose(modes.frequencies, exact.frequencies, rtol=1e-10)
     np.testing.assert_allclose(modes.participation_ratio, exact.participation_ratio, rtol=1e-4)

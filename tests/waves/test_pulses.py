@@ -14,13 +14,11 @@ import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
 from granphon.networks.network import ContactNetwork
-from granphon.waves.arrivals import find_arrivals
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
-from granphon.waves.propagation import Propagation, ToneBurst
-from granphon.waves.pulses import Pulse, average_pulses
-from granphon.waves.sending import PulseSource
-from granphon.waves.viscous import ViscousPropagation
+from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
+from granphon.waves.pulse_source import PulseSource
+from granphon.waves.pulses import Pulse, average_pulses, find_arrivals
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -337,7 +335,7 @@ def test_network_that_would_buckle_is_refused():
 @pytest.mark.parametrize(("lattice", "shape"), [("square", (3, 24)), ("kagome", (3, 16)), ("sc", (3, 3, 16))])
 def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, large, ends, monkeypatch):
     if large:  # as networks are that are too large to be factorised
-        monkeypatch.setattr("granphon.waves.eigenpairs._FACTORED", {2: 0, 3: 0})
+        monkeypatch.setattr("granphon.waves.modes._FACTORED", {2: 0, 3: 0})
     along = np.eye(len(shape))[-1]
     for friction, unstable in ((False, True), (True, False)):
         packing = gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)

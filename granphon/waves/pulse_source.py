@@ -21,13 +21,12 @@ from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import make_operator
-from granphon.waves.eigenpairs import require_stable
+from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
-from granphon.waves.propagation import Propagation, ToneBurst
+from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.pulses import Pulse
 from granphon.waves.settings import READINGS, PulseSettings
-from granphon.waves.viscous import ViscousPropagation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
