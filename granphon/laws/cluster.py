@@ -23,7 +23,6 @@ from granphon.balls.distributions import NormalShape, PointShape, Shape, Uniform
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
-from granphon.base.scales import WidthUnits
 from granphon.base.threads import single_products
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
 from granphon.laws.cluster_balance import Balance, ClusterBalance, Effective
@@ -36,26 +35,42 @@ Array = NDArray[np.float64]
 VALID_FORCE = 0.03
 #: f* down to which the curve is solved
 LEAST_SOLVED_FORCE = 3e-3
-#: number of overlaps at which the polynomial is fitted, and its degree: each overlap gives two numbers
-_NODES, _DEGREE = 23, 18
+#: number of overlaps at which the polynomial is fitted
+_NODES = 23
+#: degree of the polynomial: each overlap gives two numbers, force and stiffness
+_DEGREE = 18
 #: weight of a stiffness in the fit, over that of a force: its quadrature error is larger
 _SLOPE_WEIGHT = 0.01
 #: relative error of the force that the polynomial is expected to have by itself
 _FIT = 2e-5
 #: weight of the series where the polynomial joins it
 _JOIN_WEIGHT = 100.0
-#: overlaps at which the series is fitted, over the one where it begins, and its orders
-_FAR, _ORDERS = (6.0, 3.0, 1.8, 1.3, 1.0), np.arange(3, 10)
-#: where the series begins: an overlap, and that over the largest deviation of a ball
-_FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
-#: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
-_TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
-#: relative standard error of the force that the quadrature may leave, f* from which on it may not be larger, and the most
-_ERROR, _ERROR_FORCE, _MOST_ERROR = 8e-5, 0.022, 2.5e-3
+#: overlaps at which the series is fitted, over the one where it begins
+_FAR = (6.0, 3.0, 1.8, 1.3, 1.0)
+#: orders of the series that are fitted; those below are known
+_ORDERS = np.arange(3, 10)
+#: least overlap at which the series begins, in widths W
+_FAR_START = 2.0
+#: least overlap at which the series begins, over the largest deviation of a ball
+_FAR_DEVIATIONS = 2.5
+#: number of realisations that find where the curve ends
+_TRIAL = 256
+#: number of realisations of each scramble of the curve, for a cluster of 12 contacts
+_POINTS = 1024
+#: number of scrambles of the curve, for a cluster of 12 contacts
+_SCRAMBLES = 8
+#: relative standard error of the force that the quadrature may leave
+_ERROR = 8e-5
+#: f* below which it may leave more, as 1/f*^3
+_ERROR_FORCE = 0.022
+#: most that it may leave
+_MOST_ERROR = 2.5e-3
 #: part of that which the survey between the overlaps where it is found may add
 _ROUGH_SHARE = 0.45
-#: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
-_LEAST_SHARE, _MOST_END = 0.02, 0.02
+#: least part of f^(2/3) that is taken off in a step towards the end of the curve
+_LEAST_SHARE = 0.02
+#: f* up to which the curve may end because the conditions have no solution below
+_MOST_END = 0.02
 #: x at the lowest overlap
 _MOST_X = 2.0
 #: terms of a series at high load
@@ -82,6 +97,8 @@ class ClusterLaw(CurveLaw):
     balls: int
     bending: float = 0.0
 
+    _valid_force, _medium = VALID_FORCE, "cluster medium"
+
     @property
     def curve(self) -> ClusterCurve:
         """Reduced law, in units of W and c W^(3/2)."""
@@ -90,14 +107,6 @@ class ClusterLaw(CurveLaw):
     @property
     def _series(self) -> Series:
         return self.curve.far
-
-    @property
-    def _energy_offset(self) -> float:
-        return self.curve.energy_offset
-
-    def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the medium is valid, f* = 0.03, for the ``width`` W, m."""
-        return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
     def quadrature_error(self, overlap: ArrayLike) -> ArrayLike:
         """Return the relative standard error of the force that is left by the quadrature, from its independent scrambles."""
@@ -130,11 +139,6 @@ class ClusterLaw(CurveLaw):
             return np.clip(_interpolate(y, curve.nodes, curve.contacts), 0.0, 1.0)
 
         return self._evaluate_joined(overlap, np.ones_like, near)  # type: ignore[no-any-return]
-
-    @property
-    def _below(self) -> tuple[str, str]:
-        """Reason why the curve ends, and advice to the user."""
-        return f"There the cluster medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load"
 
 
 def _interpolate(y: Array, nodes: Array, values: Array) -> Array:

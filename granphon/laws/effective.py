@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.base.errors import PrecisionError, message
-from granphon.base.scales import WidthUnits
 from granphon.laws.averages import Block, DensityAverages, DensityBalls, PointAverages, PointBalls
 from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE, VANISHED, EffectiveCurve
 from granphon.laws.spread import FORCE, STIFFNESS, CurveLaw, high_pressure_series
@@ -70,31 +69,18 @@ class EffectiveLaw(CurveLaw):
     shape: UniformShape | NormalShape | PointShape
     xi: float
 
+    _valid_force, _medium = VALID_FORCE, "effective medium"
+
     @property
     def curve(self) -> EffectiveCurve:
         """Reduced law, in units of W and c W^(3/2)."""
         return effective_curve(self.shape, self.xi)
 
-    @property
-    def _energy_offset(self) -> float:
-        return self.curve.energy_offset
-
-    def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the medium is valid by Section IV (f* = 0.08), for the ``width`` W, m.
-
-        The limit was found by comparison with simulations of the triangular lattice.
-        """
-        return VALID_FORCE * WidthUnits(self.coefficient, width).force
-
-    @property
-    def _below(self) -> tuple[str, str]:
-        """Reason why there is no solution below the curve, and advice to the user."""
-        if self.curve.stiffness_vanishes:
-            return (
-                "The stiffness is zero there, and equation (36) has no solution at smaller forces",
-                "Raise the load",
-            )
-        return f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load"
+    def _refuse(self, what: str) -> PrecisionError:
+        if not self.curve.stiffness_vanishes:
+            return super()._refuse(what)
+        why = "The stiffness is zero there, and equation (36) has no solution at smaller forces"
+        return PrecisionError(message(what, why, "Raise the load"))
 
 
 # -- the curve --------------------------------------------------------------------------------------------------------

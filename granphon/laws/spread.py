@@ -293,6 +293,9 @@ class _Curve(Protocol):
     @property
     def least_force(self) -> float: ...
 
+    @property
+    def energy_offset(self) -> float: ...
+
     def value(self, y: Array, order: int) -> Any: ...
 
     def overlap(self, force: Array) -> Any: ...
@@ -306,16 +309,28 @@ class CurveLaw(SpreadLaw):
     def curve(self) -> _Curve:
         """Reduced law, in units of W and c W^(3/2)."""
 
+    #: f* from which the medium is valid, and what messages call it
+    _valid_force: float
+    _medium: str
+
+    def least_valid_force(self, width: float) -> float:
+        """Return the force, N, from which the medium is valid, for the ``width`` W, m."""
+        return self._valid_force * WidthUnits(self.coefficient, width).force
+
     @property
-    @abstractmethod
-    def _below(self) -> tuple[str, str]:
-        """Reason why there is no solution below the curve, and advice to the user."""
+    def _energy_offset(self) -> float:
+        return self.curve.energy_offset
+
+    def _refuse(self, what: str) -> PrecisionError:
+        """Return the error that ``what`` is below the curve."""
+        why = f"There the {self._medium} is not solved (it is valid from f* = {self._valid_force:g})"
+        return PrecisionError(message(what, why, "Raise the load"))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
         closed, curve = y > -self.shape.bounds[1], self.curve
         if np.any(closed & (y < curve.start)):
             what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
-            raise PrecisionError(message(what, *self._below))
+            raise self._refuse(what)
         out = np.zeros(y.shape)
         out[closed] = curve.value(y[closed], order)
         return out
@@ -324,7 +339,7 @@ class CurveLaw(SpreadLaw):
         curve = self.curve
         if np.any(force < curve.least_force):
             what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
-            raise PrecisionError(message(what, *self._below))
+            raise self._refuse(what)
         return np.asarray(curve.overlap(force))
 
 
