@@ -16,12 +16,12 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
+from granphon.media.candidates import even_shape
 from granphon.media.cost import estimate, write_duration
 from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.left_out import LATTICE
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
-from granphon.media.sizes_and_times import even_shape
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.ensemble import Moments
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference

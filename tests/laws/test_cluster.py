@@ -616,6 +616,6 @@ def test_automatic_media_leave_it_out(lattice):
     chosen = set()
     for tolerance in (0.01, 0.02, 0.05):
         for load in np.geomspace(0.1, 3.0, 5) * FORCE:
-            chosen |= {rung.medium.name for rung in gp.AutoMedium(packing, tolerance).rungs("force", load)}
+            chosen |= {serving.medium.name for serving in gp.AutoMedium(packing, tolerance).choose("force", load)}
     assert "cluster" not in chosen
     assert "simulation" in chosen

@@ -532,13 +532,13 @@ def test_the_exponent_of_several_samples_is_that_of_their_mean_moduli(spread):
         assert state.exponent == pytest.approx(expected, abs=1e-6)
         alone = [part(state, [index]).exponent for index in range(5)]
         assert np.ptp(alone) > 1e-5
-        assert abs(np.mean(alone) - expected) > 1e-6 or not state.spaced
+        assert abs(np.mean(alone) - expected) > 1e-6 or not state.fixed_overlap
 
 
 def part(state, which):
     """The state of some of the samples under one load."""
     samples = [state.samples[index] for index in which]
-    load = Load("overlap", state.overlap) if state.spaced else Load("force", state.force)
+    load = Load("overlap", state.overlap) if state.fixed_overlap else Load("force", state.force)
     return SimulatedState.of(state.law.simulation, samples, load)
 
 
