@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import POLARISATION, ROTATION
+from granphon.figures.scales import POLARISATION, ROTATION, add_part_bar
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -91,10 +88,7 @@ def plot_bands(
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if colorbar:
-        figure: Any = ax.get_figure()
-        bar = figure.colorbar(ScalarMappable(scale, colours), ax=ax, location="top", aspect=40, pad=0.02)
-        bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
-        bar.set_label(f"{words} part of the kinetic energy")
+        add_part_bar(ax.get_figure(), ax, colours, f"{words} part of the kinetic energy")
     return ax
 
 

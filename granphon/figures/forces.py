@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import FORCES
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes

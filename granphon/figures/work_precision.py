@@ -11,10 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis, widen_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
