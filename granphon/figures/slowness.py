@@ -57,9 +57,8 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
     """
     lattice, periods = state.packing.structure, state.packing.structure.periods
     if periods == 1:
-        raise InputError(
-            message(f"the lattice {lattice.name} has one period", "Its sound has one direction", "Use sound_velocities")
-        )
+        what = f"the lattice {lattice.name} has one period"
+        raise InputError(message(what, "Its sound has one direction", "Use sound_velocities"))
     if not state.is_single:
         raise InputError(message("the state has several loads", "A slowness surface is that of one load", "Use state[0]"))
     # a flexural wave is the last
@@ -139,9 +138,8 @@ def _span(plane: ArrayLike) -> Array:
     try:
         first, second = (one_direction(way, 3) for way in np.asarray(plane, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise InputError(
-            message("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))")
-        ) from None
+        what = "plane is not two directions in space"
+        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
         raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))

@@ -217,16 +217,16 @@ def _tabulate(
     curves: list[_Curve], roots: list[float], low: float, high: float, checks: list[tuple[float, _Curve]] | None = None
 ) -> dict[str, Any]:
     """Return "table" and the errors; ``checks`` are further curves, with their roots of eta, by which the error is found."""
-    from scipy.interpolate import BarycentricInterpolator
+    from scipy.interpolate import barycentric_interpolate
 
     x, values, error = _place_nodes(curves, low, high)
     table = {
         "log_force": x.tolist(), "roots": roots,
         **{name: [one[n].tolist() for one in values] for n, name in enumerate(("overlap", "log_stiffness", "slope"))},
     }  # fmt: skip
-    beside, between = 0.0, BarycentricInterpolator(roots, np.array([one[1] for one in values]))
+    beside, found = 0.0, np.array([one[1] for one in values])
     for root, curve in checks or []:
-        beside = max(beside, float(np.max(np.abs(np.expm1(between(root) - curve(x)[1])))))
+        beside = max(beside, float(np.max(np.abs(np.expm1(barycentric_interpolate(roots, found, root) - curve(x)[1])))))
     return {"table": table, "error": error, "friction_error": error + beside}
 
 
