@@ -1,7 +1,7 @@
 """The edges of the package, one case each: what is asked, and how exact the answer is claimed to be.
 
 A :class:`Case` measures the worst relative error over its range against a closed form or a reference at many digits that
-owes nothing to the package; where there is none, against another algorithm, of :mod:`granphon.tradeoffs.references` or
+owes nothing to the package; where there is none, against another algorithm, of :mod:`tests.references` or
 :mod:`granphon.array.sparse`. ``test_extremes.py`` runs them, ``extreme_refusals.py`` puts what they find on a page.
 """
 
@@ -21,8 +21,8 @@ from mpmath import mpf
 import granphon as gp
 from granphon.array.sparse import SparseArray
 from granphon.dynamics.local_field import local_field
-from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
 from tests.conftest import Twin
+from tests.references import count_modes, integrate_curve, integrate_local_field
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
 #: eta = 4/3 (nearly), that of steel, 2/3; and no friction

@@ -26,12 +26,11 @@ from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
 from granphon.media.loading import LoadedSample, press_all, require_above
 from granphon.media.medium import MediumBase
 from granphon.media.sampled_balls import SampledBalls
-from granphon.media.sampled_waves import SampledWaves
+from granphon.media.sampled_state import SampledState, exponent_error, mean_exponent
 from granphon.media.state import read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -120,7 +119,7 @@ class SampleLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedState(SampledWaves):
+class SimulatedState(SampledState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
@@ -258,7 +257,7 @@ class SimulatedState(SampledWaves):
 
     @property
     def _exponent_terms(self) -> Iterator[Array]:
-        """What :func:`~granphon.media.exponents.mean_exponent` takes of each sample: its force only if these have others."""
+        """What :func:`mean_exponent` takes of each sample: its force only if these have others."""
         names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.fixed_overlap else ()))
         return (self.over_samples(attrgetter(name)) for name in names)
 

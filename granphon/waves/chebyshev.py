@@ -30,10 +30,9 @@ from granphon.base.arguments import positive, whole_number
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
+from granphon.waves.settings import MOMENTS
 
 Array = NDArray[np.float64]
-#: number of moments, if none is given: a resolution of 0.6 % of the top frequency
-MOMENTS = 256
 #: most moments: their densities alone are 32 MiB
 _MOST = 2**20
 #: fewest moments of a given resolution
@@ -76,19 +75,11 @@ class Kernel:
             raise InputError(message("a resolution and a number of moments are given", "Each follows from the other"))
         wanted = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if wanted > _MOST:
-            least = math.pi * top / (2.0 * _MOST)
-            raise InputError(
-                message(
-                    f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go up to {top:g} Hz",
-                    mend=f"Give {least:.3g} Hz or more",
-                )
-            )
+            what = f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go up to {top:g} Hz"
+            raise InputError(message(what, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more"))
         if wanted < _LEAST:
-            most = math.pi * top / (2.0 * _LEAST)
-            raise InputError(
-                message(f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to {top:g} Hz",
-                        mend=f"Give {most:.3g} Hz or less")
-            )  # fmt: skip
+            what = f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to {top:g} Hz"
+            raise InputError(message(what, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less"))
         return cls(top, max(math.ceil(wanted * (1.0 - _ROUNDING)), 2))
 
     @property
@@ -147,10 +138,8 @@ class Kernel:
     def check_points(self, frequencies: Array) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of a density."""
         if frequencies.size != self.count or not np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0):
-            raise InputError(
-                message(f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz",
-                        mend="Compute the spectrum again")
-            )  # fmt: skip
+            what = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
+            raise InputError(message(what, mend="Compute the spectrum again"))
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
@@ -194,36 +183,25 @@ class Moments:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if they grow: a squared frequency is below zero.
         """
-        if len(self._found) < count:
-            self._extend(count)
-            if not self._keep:
-                self._vectors = self._last = None
-        return np.array(self._found[:count])
-
-    def _extend(self, count: int) -> None:
         found = self._found
-        if self._vectors is None:
+        if len(found) < count and self._vectors is None:
             found.clear()
             self._vectors = polynomials(self._operator, self._start())
-            x = next(self._vectors)
-            found.append(float(np.vdot(x, x)))
-            self._last = x
-        vectors, last = self._vectors, self._last
-        assert last is not None
+            self._last = next(self._vectors)
+            found.append(float(np.vdot(self._last, self._last)))
         while len(found) < count:
+            assert self._vectors is not None
+            assert self._last is not None
             # the last vector is overwritten only after the one that comes now
-            x = next(vectors)
-            if len(found) == 1:
-                found.append(float(np.vdot(x, last)))
-            else:
-                found.append(2.0 * float(np.vdot(x, last)) - found[1])
-            found.append(2.0 * float(np.vdot(x, x)) - found[0])
-            self._require_bounded(found[-1])
-            last = self._last = x
-
-    def _require_bounded(self, moment: float) -> None:
-        if not abs(moment) <= (1.0 + _GROWTH) * self._found[0]:
-            raise InstabilityError(UNSTABLE)
+            x = next(self._vectors)
+            across = float(np.vdot(x, self._last))
+            found += [across if len(found) == 1 else 2.0 * across - found[1], 2.0 * float(np.vdot(x, x)) - found[0]]
+            self._last = x
+            if not abs(found[-1]) <= (1.0 + _GROWTH) * found[0]:
+                raise InstabilityError(UNSTABLE)
+        if not self._keep:
+            self._vectors = self._last = None
+        return np.array(found[:count])
 
 
 class Refinable(ABC, Generic[Work]):

@@ -156,10 +156,8 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
     from scipy.linalg import eigh
 
     if problem.live.size > _LARGEST:
-        raise InputError(
-            message(f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found",
-                    mend="Ask for fewer")
-        )  # fmt: skip
+        what = f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found"
+        raise InputError(message(what, mend="Ask for fewer"))
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     if squares[0] < -find_limit(problem.operator):
         raise InstabilityError(UNSTABLE)

@@ -21,7 +21,7 @@ where damping is strong, so a record is divided into spans, each so short that n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.special import jv
 
-from granphon.base.errors import InstabilityError, message
+from granphon.base.errors import InstabilityError
 from granphon.waves.chebyshev import polynomials
+from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
@@ -208,7 +209,7 @@ class Propagation:
     # -- recursion ------------------------------------------------------------------------------------------------------
 
     def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
-        """Return what receivers hear, and the motions of all balls.
+        """Return what receivers hear, and the motions of all balls, from one recursion.
 
         Parameters
         ----------
@@ -223,69 +224,35 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        moments, displaced, moving = self.run(listen, frames)
-        return self.hear(moments, times), displaced, moving
-
-    def run(self, listen: Callable[[Array], Array], frames: Array) -> tuple[Array, Array, Array]:
-        """Do the recursion, once.
-
-        Parameters
-        ----------
-        listen : takes a vector (size,), and returns the numbers (n_r,) of receivers: linear.
-        frames : (n_f,) times at which the motions of all balls are wanted, s.
-
-        Returns
-        -------
-        moments : (order, n_r) what receivers hear of T_n b.
-        displacements, velocities : (n_f, size), mass-weighted, at the ``frames``.
-
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
-        """
-        size, order = self.push.size, self.order
-        forms = np.concatenate([self._coefficients(frames, self._waves.displacement),
-                                self._coefficients(frames, self._waves.velocity)])  # fmt: skip
+        size, order, waves = self.push.size, self.order, self._waves
+        # coefficients of the polynomials in the displacements, then the velocities, at the few times of the frames
+        values = np.zeros((order, 2 * frames.size))
+        responses = [self._respond(frames, weights).T for weights in (waves.displacement, waves.velocity)]
+        np.add.at(values, waves.node, np.hstack(responses))
+        forms = dct(values.T, type=2, axis=1) / order
+        forms[:, 0] *= 0.5
+        # the polynomials T_n b: the moments that receivers hear of them, and their sums
         states = np.zeros((len(forms), size))
-        moments, most = [], np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        heard, most = [], np.linalg.norm(self.push) * (1.0 + _GROWTH)
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
-        for n, vector in self._polynomials():
-            moments.append(listen(vector))
+        for n, vector in zip(range(order), polynomials(self.operator, self.push), strict=False):
+            heard.append(listen(vector))
             row = n % len(block)
             block[row] = vector
             if row == len(block) - 1 or n == order - 1:
                 first = n - row
                 states += forms[:, first : n + 1] @ block[: row + 1]
                 if not np.linalg.norm(vector) <= most:
-                    raise InstabilityError(
-                        message(
-                            "the network is unstable: a squared frequency is below zero",
-                            "The static forces push balls aside more than their contacts hold them",
-                            "Use a lower load, or a network without prestress",
-                        )
-                    )
-        return np.array(moments), states[: frames.size], states[frames.size :]
-
-    def _polynomials(self) -> Iterator[tuple[int, Array]]:
-        return zip(range(self.order), polynomials(self.operator, self.push), strict=False)
-
-    def _coefficients(self, times: Array, weights: Complex) -> Array:
-        """Return the coefficients (n_t, order) of responses at few times."""
-        values = np.zeros((self.order, times.size))
-        np.add.at(values, self._waves.node, self._respond(times, weights).T)
-        found = dct(values.T, type=2, axis=1) / self.order
-        found[:, 0] *= 0.5
-        return np.asarray(found)
-
-    def hear(self, moments: Array, times: Array) -> Array:
-        """Return the velocities (n_r, n_t) that receivers with these ``moments`` (order, n_r) have at even ``times``."""
-        waves = self._waves
-        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes
-        weight = dct(moments, type=3, axis=0)[waves.node] / self.order * waves.velocity[:, None]
-        found = np.empty((times.size, moments.shape[1]))
+                    raise InstabilityError(UNSTABLE)
+        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the velocities at all times
+        moments = np.array(heard)
+        weight = dct(moments, type=3, axis=0)[waves.node] / order * waves.velocity[:, None]
+        signals = np.empty((times.size, moments.shape[1]))
         during = int(np.count_nonzero(times < self.burst.duration))
         rows = max(1, _BLOCK // waves.rate.size)
         for first in range(0, during, rows):
             here = slice(first, min(first + rows, during))
-            found[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
+            signals[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
         if during < times.size:
             weight *= self._after[:, None]
             apart = times[during : during + rows] - times[during]
@@ -293,8 +260,8 @@ class Propagation:
             for first in range(during, times.size, rows):
                 here = slice(first, min(first + rows, times.size))
                 begin = np.exp(waves.rate * (times[first] - self.burst.duration))
-                found[here] = np.real(later[: found[here].shape[0]] @ (begin[:, None] * weight))
-        return np.asarray(found.T)
+                signals[here] = np.real(later[: signals[here].shape[0]] @ (begin[:, None] * weight))
+        return signals.T, states[: frames.size], states[frames.size :]
 
 
 class ViscousPropagation:

@@ -425,9 +425,8 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         if not unlike and not np.allclose(one.sent[:count], first.sent[:count], atol=1e-12 * np.max(np.abs(first.sent))):
             unlike.append("sent")
         if unlike:
-            raise InputError(
-                message(f"the pulses differ in {', '.join(unlike)}", mend="Average pulses that were sent alike")
-            )
+            what = f"the pulses differ in {', '.join(unlike)}"
+            raise InputError(message(what, mend="Average pulses that were sent alike"))
     samples, last = [], 0
     for one in pulses:
         samples.append(one.samples + last)

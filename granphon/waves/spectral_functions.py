@@ -113,12 +113,8 @@ def find_ioffe_regel(wavenumber: Array, peak: Array, width: Array, product: floa
     with np.errstate(divide="ignore"):
         above = np.log(peak) - np.log(width) - level
     if above[0] < 0.0:
-        raise InputError(
-            message(
-                f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency",
-                mend="Give lesser wave vectors, which a larger network has",
-            )
-        )
+        what = f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency"
+        raise InputError(message(what, mend="Give lesser wave vectors, which a larger network has"))
     below = np.flatnonzero(above < 0.0)
     if not below.size:
         return None
@@ -306,9 +302,8 @@ class _PlaneWaves:
         self._operator, self._q = operator, q
         word = isinstance(polarisation, str)
         if word and polarisation == "longitudinal" and direction is not None and np.all(np.any(q, axis=1)):
-            raise InputError(
-                message("a direction is given for a longitudinal wave, which moves along q", mend="Leave it out")
-            )
+            what = "a direction is given for a longitudinal wave, which moves along q"
+            raise InputError(message(what, mend="Leave it out"))
         self._polarisation = str(polarisation) if word else "given"
         numbers = direction if word else polarisation
         self._direction = () if numbers is None else finite_list("direction", numbers)
@@ -331,9 +326,8 @@ class _PlaneWaves:
         for n, wave in self._waves:
             found[n] += wave.first(moments)
         if not np.all(found[:, 0] > 0.0):
-            raise InputError(
-                message("no ball that touches others moves in this wave", "The wave vector or the polarisation is wrong")
-            )
+            why = "The wave vector or the polarisation is wrong"
+            raise InputError(message("no ball that touches others moves in this wave", why))
         return SpectralFunction(
             self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
             kernel.top, moments, fold_wavevectors(self._operator.network, self._q),

@@ -226,16 +226,7 @@ def _find_network(source: Any) -> ContactNetwork:
         return network
     if hasattr(source, "contact_network") and hasattr(source, "packing"):
         several = "" if not source.samples else ", or one of its samples, as in gp.Waves(state.samples[0])"
-        raise InputError(
-            message(
-                "a state is of a lattice without end",
-                "Waves are of an array of some cells",
-                f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}",
-            )
-        )
-    raise InputError(
-        message(
-            f"there is no network of contacts in {brief(source)}",
-            mend="Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin",
-        )
-    )
+        mend = f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}"
+        raise InputError(message("a state is of a lattice without end", "Waves are of an array of some cells", mend))
+    mend = "Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin"
+    raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))

@@ -559,7 +559,7 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
 
     def exponent(step):
         monkeypatch.setattr("granphon.array.sample.STEP", step)
-        monkeypatch.setattr("granphon.media.exponents.STEP", step)
+        monkeypatch.setattr("granphon.media.sampled_state.STEP", step)
         return at(load).exponent
 
     wide, middle, narrow = (exponent(step) for step in (0.4, 0.2, 0.1))
@@ -574,7 +574,7 @@ def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
 
     def exponent(step):
         monkeypatch.setattr("granphon.array.sample.STEP", step)
-        monkeypatch.setattr("granphon.media.exponents.STEP", step)
+        monkeypatch.setattr("granphon.media.sampled_state.STEP", step)
         return at(unit_of_force(spread)).exponent
 
     curvature = (exponent(0.2) - exponent(0.1)) / (0.2**2 - 0.1**2)
