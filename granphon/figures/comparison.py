@@ -10,20 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.curves import (
-    MOST_LOOKS,
-    Curve,
-    draw_curve,
-    label_axes,
-    make_handle,
-    make_looks,
-    make_outside,
-    make_serving,
-)
 from granphon.figures.scales import add_legend
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,6 +22,16 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.figures.curves import (
+    MOST_LOOKS,
+    Curve,
+    draw_curve,
+    label_axes,
+    make_handle,
+    make_looks,
+    make_outside,
+    make_serving,
+)
 from granphon.figures.runs import Run, choose_axes, read_points, require_one_axis
 from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
 from granphon.figures.sweep_lines import describe_lines, find_load

@@ -6,10 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import name_axis, scale_axis
 
-# isort: split
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D

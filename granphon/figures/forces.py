@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import FORCES
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -153,9 +151,8 @@ def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -
     segments, forces = layer.make_lines(edges)
     sites, widths, colours = layer.make_balls(edges)
     if not sites.size or not forces.size:
-        raise InputError(
-            message("no ball of the array is in the window", mend=f"Give edges inside the array, in {layer.unit}")
-        )
+        mend = f"Give edges inside the array, in {layer.unit}"
+        raise InputError(message("no ball of the array is in the window", mend=mend))
     # printed size of a diameter, in points, estimated because the layout is not known yet
     size = np.array([right - left, top - bottom]) / layer.diameter
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))

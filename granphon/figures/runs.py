@@ -8,16 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.curves import Curve
-
-# isort: split
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.loads import force_of_frame
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import closest
+from granphon.figures.curves import Curve
 from granphon.figures.fits import write_width
 from granphon.figures.sweep_lines import describe_lines, find_load, list_parameters, read_curve
 from granphon.figures.words import write_value

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import SPECTRUM, scale_axis
+from granphon.figures.scales import SPECTRUM, draw_alone, draw_densities, scale_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -191,40 +188,21 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
 
 def lines_figure(spectrum: SpectralFunction) -> Figure:
     """Draw a figure, one column wide, of a spectral function at its wave vectors; see :func:`plot_lines`."""
-    return _draw_alone(partial(plot_lines, spectrum), 2.6)
+    return draw_alone(partial(plot_lines, spectrum), 2.6)
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
     """Draw the density of states of a network per ball: total with its standard error as a band, and its two parts."""
-    there = np.flatnonzero(dos.total > 1e-6 * dos.total.max())
-    unit = HertzPrefix.for_top(float(dos.frequencies[there[-1]]))
-    x = dos.frequencies / unit.hertz
-    curves = {"total": (dos.total, dos.error, "black")}
+    f = dos.frequencies
+    curves: list[tuple[Any, str, Array, Array, Array]] = [("black", "total", f, dos.total, dos.error)]
     if np.any(dos.rotational > 0.0):
-        curves |= {
-            "translation": (dos.translational, dos.translational_error, COLOURS[0]),
-            "rotation": (dos.rotational, dos.rotational_error, COLOURS[4]),
-        }
-    for name, (values, error, colour) in curves.items():
-        y, off = values * unit.hertz, np.nan_to_num(error) * unit.hertz
-        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
-        ax.plot(x, y, color=colour, linewidth=0.9, label=name)
-    ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"DOS per ball (1/{print_hertz(unit)})",
-        xlim=(0.0, 1.03 * float(x[there[-1]])), ylim=(0.0, None),
-    )  # fmt: skip
+        curves.append((COLOURS[0], "translation", f, dos.translational, dos.translational_error))
+        curves.append((COLOURS[4], "rotation", f, dos.rotational, dos.rotational_error))
+    draw_densities(ax, curves)
     ax.legend()
     return ax
 
 
 def sample_dos_figure(dos: SpectralDensity) -> Figure:
     """Draw a figure, one column wide, of the density of states of a network; see :func:`plot_sample_dos`."""
-    return _draw_alone(partial(plot_sample_dos, dos), 2.4)
-
-
-def _draw_alone(plot: Callable[[Axes], Axes], height: float) -> Figure:
-    """Draw a figure of one panel, one column wide and ``height`` inches high."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
-        plot(figure.subplots())
-    return figure
+    return draw_alone(partial(plot_sample_dos, dos), 2.4)

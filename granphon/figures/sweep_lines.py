@@ -58,9 +58,8 @@ def read_values(dataset: Dataset, name: str) -> Any:
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
         what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
-        raise FigureError(
-            message(what, f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}", "Draw another variable")
-        )
+        why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
+        raise FigureError(message(what, why, "Draw another variable"))
     return values
 
 

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import add_legend, scale_axis
+from granphon.figures.scales import add_legend, draw_densities, scale_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib import colormaps
@@ -37,8 +35,6 @@ _MOST = 8
 _SHADES = (0.0, 0.85)
 #: part of the samples in which a line must be resolved, for its width to be drawn
 _RESOLVED = 0.5
-#: part of the greatest density above which a density is drawn
-_LEAST = 1e-6
 
 #: a state that is drawn: its colour, its words in the legend, and its index in each dimension of the sweep
 _State = tuple[Any, str, dict[str, int]]
@@ -79,21 +75,12 @@ def plot_sweep_dos(dataset: Dataset, ax: Axes) -> Axes:
     Raises :class:`~granphon.base.errors.InputError` if the sweep has none.
     """
     _require(dataset, "dos_total", "densities of states")
-    states, _ = _choose_states(dataset)
-    curves, top = [], 0.0
-    for colour, _, place in states:
-        f, density, error = (_take(dataset, f"dos_{name}", place) for name in ("frequency", "total", "error"))
-        top = max(top, float(f[np.flatnonzero(density > _LEAST * density.max())[-1]]))
-        curves.append((colour, f, density, np.nan_to_num(error)))
-    unit = HertzPrefix.for_top(top)
-    for colour, f, density, error in curves:
-        x, y, off = f / unit.hertz, density * unit.hertz, error * unit.hertz
-        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
-        ax.plot(x, y, color=colour, linewidth=0.9)
-    ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"DOS per ball (1/{print_hertz(unit)})",
-        xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None),
-    )  # fmt: skip
+    names = ("frequency", "total", "error")
+    states = [
+        (colour, words, [_take(dataset, f"dos_{name}", at) for name in names])
+        for colour, words, at in _choose_states(dataset)[0]
+    ]
+    draw_densities(ax, [(colour, words, *values) for colour, words, values in states])
     return ax
 
 

@@ -10,10 +10,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import add_legend, scale_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes

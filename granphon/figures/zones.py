@@ -7,10 +7,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import hide_axes
 
-# isort: split
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
