@@ -125,9 +125,9 @@ def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
     frequency, branch, finite = fit.waves.frequency, fit.waves.branch, fit.waves.finite_overlap
     several = np.ndim(frequency) > 0  # a fit of pulses that each have a frequency is known at the data alone
     force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), _LINE)
-    # the other loads of a simulation are those of averaged balls, and its overlap follows from none that was measured
-    choice = type(fit.choice)("ala") if fit.choice.simulates else fit.choice
-    loads = [load for load in _LOADS[1:] if load != "overlap" or not fit.choice.simulates]
+    # the overlap of a simulation follows from nothing that was measured
+    choice = fit.choice.stand_in
+    loads = [load for load in _LOADS[1:] if load != "overlap" or choice == fit.choice]
 
     def make(force: Array, velocity: Array, points: bool, **more: Array) -> Dataset:
         state = choice.of(fit.packing).at_force(force, finite_overlap=finite)

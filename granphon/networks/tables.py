@@ -59,7 +59,8 @@ class _Columns:
     def __init__(self, what: str, source: Any, known: Mapping[str, Quantity | None], columns: Mapping[str, str]) -> None:
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
-        table, arrays = None, {}
+        table: Table | None = None
+        arrays: dict[str, Any] = {}
         if isinstance(source, str | os.PathLike):
             raw, self.name = read_bytes(source, MOST_BYTES), str(source)
             text = decode(self.name, raw)
@@ -68,11 +69,11 @@ class _Columns:
             there = [heading.name for heading in table.headings]
         else:
             self.name = f"the table of {what}"
-            there = getattr(getattr(source, "dtype", None), "names", None)
-            if there is None and (not hasattr(source, "keys") or not hasattr(source, "__getitem__")):
+            named = getattr(getattr(source, "dtype", None), "names", None)
+            if named is None and not (hasattr(source, "keys") and hasattr(source, "__getitem__")):
                 mend = "Give the path of a file, a mapping of arrays, a structured array or a data frame"
                 raise InputError(message(f"{self.name} is {brief(source)}", mend=mend))
-            arrays = {str(name): source[name] for name in (there or source.keys())}
+            arrays = {str(name): source[name] for name in (named or source.keys())}
             there = list(arrays)
         keys = [Heading.parse(name).key for name in there]
         given = {Heading.parse(columns.get(name, name)).key for name in known}

@@ -165,7 +165,7 @@ def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Task
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.alone else label_warnings(told)
-    if any(rung.chosen for work in works for rung in work.case.rungs):
+    if any(serving.chosen_automatically for work in works for serving in work.case.serving_media):
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every case has
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
@@ -193,8 +193,8 @@ def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ..
     They are zero for a medium that samples nothing, and nan, not known, for a single sample.
     """
     error = np.zeros(work.case.load.size)
-    for rung in work.case.rungs:
-        error[rung.loads] = np.nan if rung.arrays and rung.packing.width else 0.0
+    for serving in work.case.serving_media:
+        error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
     each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
     return part | {name: one for name, one in each.items() if name not in part}
 
