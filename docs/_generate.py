@@ -31,7 +31,6 @@ from _meanings import (
     FIELDS,
     FILES,
     FITTED,
-    KEYS,
     MEASURED,
     PACKINGS,
     RANGE,
@@ -60,10 +59,11 @@ from granphon.media.choice import MEDIA, OPTIONS
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
-from granphon.scene import fields as rules
+from granphon.scene import rules
+from granphon.scene.fields import FIELDS as SCENE_FIELDS
 from granphon.scene.result_files import RESULT_FILES
+from granphon.scene.rules import PARTS, Context
 from granphon.scene.scene import Scene
-from granphon.scene.schema import REQUIRED, scene_rules
 from granphon.sweeps.archive import load_sweep
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
@@ -200,41 +200,28 @@ def result_units() -> str:
 # -- the scene ------------------------------------------------------------------------------------------------------
 
 
-def keys() -> Iterable[tuple[str, Any]]:
-    """Every key of a scene file with its rule, blocks written out."""
-    for name, rule in scene_rules(HERE).items():
-        yield from ((f"{name}.{key}", one) for key, one in rule.items()) if isinstance(rule, dict) else [(name, rule)]
-
-
 def scene_keys() -> str:
     """Key, meaning, what is allowed, SI unit, default."""
     rows = []
     made = {name: one.default for kind in (Material, Packing, Scene) for name, one in signature(kind).parameters.items()}
-    for key, rule in keys():
-        allowed = told(partial(rule, object()))
-        several = "; or a list of these, or a [range](#ranges)" if getattr(rule, "func", None) is rules.read_values else ""
-        block, _, name = key.rpartition(".")
-        if name in REQUIRED.get(block, ()):
-            default = "required"
-        elif block == "load":
-            default = "one load is required" if name != "balls_per_side" else "required with `side_force`"
-        else:
-            default = DEFAULTS[key] if key in DEFAULTS else _plain_default(key, {"schema": rules.SCENE_SCHEMA, **made}[name])
-        rows.append([f"`{key}`", meaning(KEYS, key), allowed + several, _UNITS.get(allowed, ""), default])
+    for field in SCENE_FIELDS:
+        allowed = told(partial(field.kind.rule(Context(folder=HERE)), object()))
+        block, _, name = field.key.rpartition(".")
+        several = "; or a list of these, or a [range](#ranges)" if block == "load" and name in LOADS else ""
+        default = field.default or _plain_default(field.key, made[name])
+        rows.append([f"`{field.key}`", field.words, allowed + several, _UNITS.get(allowed, ""), default])
     return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
 
 
 def _plain_default(key: str, value: Any) -> str:
-    if value is None or value == ():
-        raise SystemExit(f"docs/_meanings.py does not say in words what the default of {key} is: add it there")
-    return f"`[{', '.join(value)}]`" if key == "observe" else literal((*value, 1) if key == "phonopy.mesh" else value)
+    return f"`[{', '.join(value)}]`" if key == "observe" else literal(value)
 
 
 def spreads() -> str:
     """The forms of a spread, from the rule that reads them."""
 
     def probe(value: Any) -> Callable[[], Any]:
-        return lambda: rules.read_spread(value, HERE)
+        return lambda: PARTS["spread"].read(value, Context(folder=HERE))
 
     rows = []
     for kind in told(probe(object())).removeprefix("exactly one of ").split(", "):
@@ -285,7 +272,7 @@ def sweep_parameters() -> str:
     """What a block ``sweep`` may hold."""
     rows = []
     for name, unit in PARAMETERS.items():
-        allowed = told(lambda name=name: rules.read_parameters({name: object()}, HERE))
+        allowed = told(lambda name=name: rules.PARAMETERS_SWEPT.read({name: object()}, Context()))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
         rows.append([f"`{name}`", meaning(PACKINGS, name), f"{several}: {_element(name, allowed)}", unit or ""])
     return table(("parameter", "what is swept", "allowed", "SI unit"), rows)
@@ -294,7 +281,7 @@ def sweep_parameters() -> str:
 def _element(name: str, allowed: str) -> str:
     if not allowed.startswith("a list"):
         return allowed
-    return told(lambda: rules.read_parameters({name: [object()]}, HERE))
+    return told(lambda: rules.PARAMETERS_SWEPT.read({name: [object()]}, Context()))
 
 
 def ranges() -> str:

@@ -22,18 +22,19 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.conjugate_gradients import solve_for_motion
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.interior import approach
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils
+from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.steps import NewtonIterate, ReducedLoad, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
+from granphon.dynamics.long_waves import voigt_pairs
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
@@ -56,10 +57,10 @@ _ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
-#: error of a linear system, as a fraction of that by which the step before came nearer to rest: where balls that nothing
-#: holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput.
-#: 17, 16 (1996), choose accuracies in this way)
-_PROGRESS = 0.3
+#: largest residual of a linear system, over its right side. Otherwise it is the ratio by which the step before came nearer
+#: to rest, to this power: where balls that nothing holds come to rest, progress is slow, however accurate the steps (S. C.
+#: Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose accuracies in this way)
+_LOOSEST, _PROGRESS = 0.15, 1.2
 #: length of a step below which the linear equations of later ones are solved in double precision
 _SPOILT_LENGTH = 0.3
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
@@ -67,6 +68,8 @@ _SPOILT_LENGTH = 0.3
 CARRIED_FORCE = 10.0
 #: relative error of the linear response: that of the stiffness is its square, that of its slope of the same order
 _RESPONSE = 1e-8
+#: the same of elastic constants, where it enters squared, over the part of an affine strain's energy that is stored
+_ELASTIC = 1e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,7 +185,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
-        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - find_uniform_part(stiffness)], _RESPONSE)
+        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - _find_uniform_part(stiffness)], _RESPONSE)
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -203,8 +206,49 @@ class Equilibrium(Result):
         """
         return self._derivatives[1]
 
+    def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+        """Return the (n, n) elastic tensor of the array, in Voigt order, with springs at every contact that carries load.
 
-def find_uniform_part(stiffness: Array) -> float:
+        Under a small uniform strain each ball moves and turns until it is in balance again; the energy that the contacts
+        then store is the elastic energy. This rests on the contacts alone, without an effective medium or a conjecture about
+        friction. Springs against slip, twist and roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the
+        normal stiffness of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ..., Lp).
+        Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the linear response enters
+        squared. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
+        """
+        own, normal = self.stencils, self.stiffnesses
+        # the array has one ratio for all contacts, on which its preconditioner is built: the mean, weighted by stiffness
+        slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
+        eta, mean = (
+            float(np.sum(ratio * normal) / np.sum(normal)) if ratio.ndim else float(ratio) for ratio in (slip, twist)
+        )
+        if not eta:  # only shear turns balls that are strained: without it twist and roll store nothing
+            mean = bending = 0.0
+        stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
+        stiffness, n, p = stencils.weights(normal), stencils.n_contacts, len(own.shape)
+        if twist.ndim and stencils.motions.twist and mean:
+            first = len(stiffness) - (3 if bending else 1) * n  # the twist stands last, but for two rolls
+            stiffness[first : first + n] = twist * normal
+        if slip.ndim and eta:
+            for first in range(n, n * len(self.lattice.vectors), n):  # one slip in a plane, two in space
+                stiffness[first : first + n] = slip * normal
+        gradients = stencils.strains()
+        unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
+        affine = unit[(..., *(None,) * p)]
+        # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
+        even = _find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
+        means = stencils.weights(np.full((n, *(1,) * p), even))
+        motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine), _ELASTIC)
+        own.forget()  # many samples may be kept, each with a large Green's function
+        tensor = np.zeros((len(affine), len(affine)))
+        for a, motion in enumerate(motions):
+            tension = stiffness * (affine[a] - stencils.operator.deform(motion))
+            for b, other in enumerate(motions[: a + 1]):  # found again for each pair: all together would take much memory
+                tensor[a, b] = tensor[b, a] = dot(tension, affine[b] - stencils.operator.deform(other))
+        return tensor / (self.lattice.measure * np.prod(stencils.shape))
+
+
+def _find_uniform_part(stiffness: Array) -> float:
     """Return a stiffness that may be subtracted from that of every contact in the response to a uniform strain.
 
     Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all contacts are closed, and so
@@ -262,12 +306,15 @@ def equilibrate(
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
         found = approach(LatticeGeometry(stencils, deviations), y, balls, load.force if free else None, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
-    pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
+    elif fresh and not equal and y + float(np.min(means)) > 0.0:
+        # all contacts are closed on the sites: begin where springs that are alike would bring the balls. Where some are
+        # open, balls that nothing holds stay nearer to their sites if they begin there
+        balls = stencils.green_preconditioner(means.dtype, 1.0)(stencils.forces(means))
     # linear equations need few digits, and single precision takes half of the time
-    single, before = not begun, math.inf
-    here = NewtonIterate.find(y, balls, pairs, root, load, stencils)
+    single, before = not begun, 0.0
+    here = NewtonIterate.find(y, balls, means, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
-        if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
+        if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
             raise InputError(
                 message(
                     f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
@@ -278,24 +325,25 @@ def equilibrate(
         distance = here.distance(least, stencils)
         if distance <= tolerance:
             state = Equilibrium(
-                deviations=deviations, overlap=here.overlap, balls=_centre(here.balls, stencils),
+                deviations=deviations, overlap=here.overlap, balls=stencils.centre(here.balls),
                 residual=here.left / here.force, newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
-        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance, _PROGRESS * distance / before))
-        springs = root if single else root.astype(float)
-        stiffness = springs[stencils.rooms.inner]
+        reduction = min(_LOOSEST, max(0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST))
+        stiffness = here.root if single else here.root.astype(float)
         stiffness *= 1.5 / here.level
         stiffness += _ADDED_STIFFNESS * min(1.0, distance)
-        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
+        product = stencils.hessian(stiffness)
+        inverse = inverses.choose(stiffness, product=product) if begun else stencils.preconditioner(stiffness, product)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
         size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
-        rest = Motion(here.rest.balls / size, here.rest.compression / size)
-        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
+        rest = Motion((here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size)
+        mean = float(np.mean(stiffness)) if free else None
+        step, taken = solve_for_motion(product, rest, inverse, reduction, mean)
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)
-        here, length = take_step(here, step, pairs, root, load, stencils)
+        here, length = take_step(here, step, means, load, stencils)
         # where balls that nothing holds move far, single precision may spoil a step
         steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(
@@ -317,10 +365,3 @@ def explain_too_small(force: float) -> InputError:
             "Raise the load",
         )
     )
-
-
-def _centre(balls: Array, stencils: Stencils) -> Array:
-    """Return the displacements minus their mean: a motion of the whole array costs nothing."""
-    fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
-    means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
-    return np.asarray((fields - means).reshape(balls.shape))

@@ -120,7 +120,7 @@ def _write_picture(
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import lengths, require
     from granphon.phonons.paths import read_point
-    from granphon.scene.fields import read_directions
+    from granphon.scene.rules import read_directions
     from granphon.scene.scene import Scene
 
     require_name("--out", out)

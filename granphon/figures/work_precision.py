@@ -11,10 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis, widen_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -68,18 +66,9 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         if drawn:
             x, y = [p.seconds for p in drawn], [p.error for p in drawn]
             spread = [_limit_bar(p) for p in drawn]
-            line = ax.errorbar(
-                x,
-                y,
-                [min(p.stderr, 0.9 * p.error) for p in drawn],
-                spread,
-                color=colour,
-                marker=marker,
-                ms=_MARKER,
-                lw=0.9,
-                elinewidth=0.6,
-                label=label,
-            )
+            bars = [min(p.stderr, 0.9 * p.error) for p in drawn]
+            style: dict[str, Any] = {"color": colour, "marker": marker, "ms": _MARKER, "lw": 0.9, "elinewidth": 0.6}
+            line = ax.errorbar(x, y, bars, spread, label=label, **style)
             line[0].set_zorder(2.5)
             label = "_"
         if rest:

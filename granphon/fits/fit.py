@@ -145,12 +145,8 @@ class WidthFit(Result):
         Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of its own.
         """
         if np.ndim(self.waves.frequency):
-            raise InputError(
-                message(
-                    "the measured pulses have many frequencies",
-                    mend="Use .velocities, the velocities of the fit at the data",
-                )
-            )
+            mend = "Use .velocities, the velocities of the fit at the data"
+            raise InputError(message("the measured pulses have many frequencies", mend=mend))
         choice = MediumChoice.parse(medium or self.choice)
         # samples in their exact geometry have finite overlap of themselves: nobody has asked for it of other media
         asked = self.waves.finite_overlap and not self.choice.is_exact

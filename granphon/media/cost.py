@@ -45,9 +45,9 @@ _SLOWEST = 1e-3
 _PYTHON_BYTES = 80e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
-_BALL_BYTES = {1: 210.0, 2: 300.0, 3: 470.0}
+_BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
 #: bytes for each ball while a linear response with rotations is worked on, besides the same
-_ROTATING_BALL_BYTES = {2: 300.0, 3: 400.0}
+_ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
 _GREEN_BYTES = 50.0
 #: f* below which contacts are factorised

@@ -172,8 +172,7 @@ class ContactState(Result):
         finite overlap the spacing a stands in place of d. Raises :class:`~granphon.base.errors.InputError` if the stress of
         the lattice is not a pressure.
         """
-        structure = self.packing.structure
-        return structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage) ** (structure.periods - 1)
+        return self.packing.structure.pressure_per_force(self.packing.diameter * self._shrinkage) * self.force
 
     @property
     def effective_density(self) -> Values:

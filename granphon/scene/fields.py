@@ -1,451 +1,289 @@
-"""Rules for those values of a scene file that are not single quantities: ranges, spreads, media, parameters, grids.
+"""The keys of a scene file: one table, by which scenes are read, checked and written, and the page of the reference is made.
 
-A rule reads a value or raises :class:`~granphon.base.errors.Refused`, see :mod:`granphon.base.validation`.
+Defaults of keys that a file leaves out are those of the classes of which a scene is made.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
-from granphon.balls.material import read_poisson_ratio
+from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
+from granphon.balls.loads import balls_on_side
 from granphon.balls.motions import allowed_motions
-from granphon.balls.packing import MINDLIN
-from granphon.balls.parameters import PARAMETERS, Axis, find_double
-from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Quantity, load_quantities
-from granphon.base.tables import Heading, table_text
-from granphon.base.text import closest, show
-from granphon.base.validation import (
-    Rule,
-    block,
-    choice,
-    each,
-    grid,
-    is_whole,
-    label,
-    number,
-    text,
-    truth,
-    whole,
-    zero_or_above,
+from granphon.base.errors import Refused
+from granphon.base.quantities import LENGTH, LOADS, NUMBER
+from granphon.base.scales import write_quantity
+from granphon.base.text import Document, show
+from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
+from granphon.phonons.paths import BandPath, read_labels
+from granphon.scene import rules
+from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind
+from granphon.waves.settings import POLARISATIONS, pulse_rules, spectrum_rules, write_setting
+
+#: the default of a key that has none
+NEEDED = "required"
+
+
+class Field(NamedTuple):
+    """One key of a scene file.
+
+    Attributes
+    ----------
+    key : the block and the key in it, or the key at the top level.
+    place : the attribute of a scene that has the value, with those that lead to it; if it is None the key is not written.
+    kind : how the value is read and written.
+    words : what it is, for the page of the reference.
+    default : what it is if it is left out, in words; empty if that is the plain default of the class.
+    """
+
+    key: str
+    place: str
+    kind: Kind
+    words: str
+    default: str = ""
+
+    def write(self, scene: Any, at: Context) -> Any:
+        """Return what the file of a scene says; None if it leaves the key out."""
+        value: Any = scene
+        for name in self.place.split("."):
+            value = None if value is None else getattr(value, name)
+        return None if value is None else self.kind.write(value, at)
+
+
+def _load(kind: str, words: str) -> Field:
+    """Return the field of a kind of load."""
+    return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
+
+
+def _wave(key: str, words: str, default: str) -> Field:
+    """Return a field of the blocks about waves in a simulated array."""
+    name, own = key.split(".")
+    read = (spectrum_rules() if name == "spectrum" else pulse_rules())[own]
+    place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
+    return Field(key, place, Kind.plain(read, partial(write_setting, own)), words, default)
+
+
+def _part(name: str, words: str, default: str = "", place: str = "", kind: Kind | None = None) -> Field:
+    """Return a field of the packing."""
+    return Field(f"packing.{name}", place or f"packing.{name}", kind or PARTS[name], words, default)
+
+
+def _unless_zero(kind: Kind) -> Kind:
+    return Kind(kind.read, lambda value, at: kind.write(value, at) if value else None)
+
+
+def _material(name: str, words: str, default: str = NEEDED) -> Field:
+    return Field(f"material.{name}", f"packing.material.{name}", PARTS[name], words, default)
+
+
+_OWN_MOTIONS = Kind(  # those that the lattice has by default are left out
+    PARTS["motions"].read,
+    lambda value, at: None if value == next(iter(allowed_motions(at.lattice.dimension))) else value,
 )
-from granphon.media.choice import MEDIA, MediumChoice, read_medium
+FIELDS: tuple[Field, ...] = (
+    Field("schema", "schema", Kind.plain(rules.read_schema), "version of this format", f"`{SCENE_SCHEMA}`"),
+    _material("young_modulus", "Young modulus of the material"),
+    _material("poisson_ratio", "Poisson ratio of the material"),
+    _material("density", "density of the material, not of the packing"),
+    _material("yield_strength", "uniaxial yield stress; you are warned where contacts would flow", "none: not checked"),
+    _part("lattice", "how the balls are arranged, see [lattices](#lattices)", place="packing.structure"),
+    _part("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
+    _part("spread", "how diameters differ, see [spread](#spread)", "equal balls", kind=rules.OWN_SPREAD),
+    _part("friction", "whether contacts resist shear; without friction, torsion and bending balls do not rotate"),
+    _part(
+        "finite_overlap", "keep the [terms of relative order overlap/diameter](../explanation/model.md#finite-overlap)",
+        place="finite_overlap",
+    ),
+    _part(
+        "motions", "how each ball moves, see [lattices](#lattices)",
+        "`longitudinal` on a chain, `in_plane` in the plane, `all` in space", kind=_OWN_MOTIONS,
+    ),
+    _part(
+        "torsion", "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts without slip", "`0`",
+        kind=_unless_zero(PARTS["torsion"]),
+    ),
+    _part("bending", "stiffness of a contact against rolling, over k d²", "`0`", kind=_unless_zero(PARTS["bending"])),
+    _load("force", "mean force between touching balls"),
+    _load("pressure", "force per length of the boundary; on a chain the force, N; in space the force per area, Pa"),
+    _load("overlap", "how far touching balls are pressed into each other; may be negative if balls differ"),
+    _load("side_force", "push F on each side of a hexagonal frame: the contact force is F/(n √3)"),
+    Field(
+        "load.balls_per_side", "load.balls_per_side", Kind.plain(balls_on_side),
+        "the number n of balls that lean on a side of that frame", "required with `side_force`",
+    ),
+    Field(
+        "medium", "media", rules.MEDIUM, "how a spread of diameters is averaged, see [media](#media)",
+        "`ema`; `ala` for equal balls",
+    ),
+    Field(
+        "sweep", "parameters", rules.PARAMETERS_SWEPT,
+        "parameters of the packing, each with the values that it takes, see [sweep](#sweep)", "none",
+    ),
+    Field(
+        "observe", "observe", Kind.plain(rules.read_observables),
+        "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations,"
+        " and so is `dos` where there are several states",
+    ),
+    Field(
+        "direction", "direction", Kind(lambda value, at: rules.read_directions(value, at.lattice)),
+        "direction of sound, Cartesian, or a list of directions, see [direction](#direction)", "x",
+    ),
+    _wave("spectrum.polarisation", f"`{'`, `'.join(POLARISATIONS)}`, one or a list", "`longitudinal`"),
+    _wave(
+        "spectrum.resolution", "standard deviation of the kernel at frequency zero",
+        "1/256 of a bound of the frequencies, about",
+    ),
+    _wave(
+        "spectrum.points",
+        "wave vectors between two corners of `phonopy.band`; each becomes the nearest one that the array has", "`21`",
+    ),
+    _wave("pulse.frequency", "frequency of the burst that is sent", NEEDED),
+    _wave(
+        "pulse.distance", "of the receiving plane from the source, along `direction`",
+        "half the length of the array along the direction; a quarter with `ends: periodic`",
+    ),
+    _wave("pulse.cycles", "periods of the burst", "`5`"),
+    _wave("pulse.polarisation", "the way in which the source pushes", "`longitudinal`"),
+    _wave("pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"),
+    _wave("pulse.ends", "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways", "`free`"),
+    _wave("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
+    Field(
+        "phonopy.dim", "dim", rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
+        "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
+        "the smallest that is large enough",
+    ),
+    Field(
+        "phonopy.band", "band", Kind(lambda value, at: BandPath.read(value, at.lattice), lambda path, _: str(path)),
+        "corners of the path: letters, or three numbers each, in fractions of the reciprocal cell",
+        "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice; Γ-X on a chain; in space ASE's",
+    ),
+    Field(
+        "phonopy.band_labels", "band.labels", Kind.plain(read_labels), "a label for each corner",
+        "the letters of the path; none for one in numbers",
+    ),
+    Field(
+        "phonopy.band_points", "band_points", Kind.plain(partial(whole, low=2, high=100_000)),
+        "points on each segment, both ends counted",
+    ),
+    Field(
+        # in space a 1 would be the mesh of a plane
+        "phonopy.mesh", "mesh", rules.grid_kind(("1024 1 1", "64 64 1", "32 32 32"), 1, 4096, 2),
+        "wave vectors for the density of states, along each period; `1024 1 1` on a chain, `32 32 32` in space",
+        "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",
+    ),
+)  # fmt: skip
 
-#: version number of the layout of a scene file, its key "schema"
-SCENE_SCHEMA = 1
-#: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "dos", "spectrum", "pulse")
-#: how the points of a range may be spaced; the first is the default
-SCALES = ("log", "linear")
-
-#: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
-MOST_DIAMETERS = 1000
-#: name of that table
-DIAMETERS_FILE = "diameters.csv"
-
-AnySpread = Uniform | Normal | Discrete | Measured
-#: where the balls of a lattice of one, two or three dimensions lie
-_PLACES = ("on a line", "in a plane", "in space")
-#: the block of a lattice that has no name of its own
-_OWN_LATTICE = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
-
-
-# -- lists and ranges -----------------------------------------------------------------------------------------------
-
-
-def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Read a number or quantity, a list of them, or a range {from, to, points, scale}, evenly spaced on that scale."""
-    if isinstance(value, list | tuple):
-        return each(value, rule, "values")
-    if not isinstance(value, dict):
-        return (rule(value),)
-    points = partial(whole, low=1, high=200_000)
-    rules: dict[str, Rule] = {"from": rule, "to": rule, "points": points, "scale": partial(choice, options=SCALES)}
-    given = block(value, rules, ("from", "to", "points"))
-    first, last, count, scale = given["from"], given["to"], given["points"], given.get("scale", SCALES[0])
-    if (first == last) != (count == 1):
-        found = f"{count} for the range from {value['from']} to {value['to']}"
-        raise Refused(found, "1 if both ends are the same, 2 or more if they are not", path=("points",))
-    if scale == "log" and min(first, last) <= 0.0:
-        raise Refused(f"a log range from {value['from']} to {value['to']}", "values above zero", "Write scale: linear.")
-    return space_evenly(first, last, count, scale)
-
-
-def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to exactly ``last``."""
-    between = np.geomspace if scale == "log" else np.linspace
-    with np.errstate(all="ignore"):  # the ends may be the smallest and the largest numbers of double precision
-        return tuple(between(first, last, count).tolist())
-
-
-def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Write values as one number, as a range if that gives the same values, or else as a list.
-
-    :func:`read_values` reads them back to the last bit.
-    """
-    first, last, count = given[0], given[-1], len(given)
-    if count == 1:
-        return write(first)
-    for scale in SCALES:
-        if (
-            count > 2
-            and first != last
-            and (scale == "linear" or min(first, last) > 0.0)
-            and space_evenly(first, last, count, scale) == tuple(given)
-        ):
-            return {"from": write(first), "to": write(last), "points": count, "scale": scale}
-    return [write(value) for value in given]
-
-
-# -- spreads --------------------------------------------------------------------------------------------------------
-
-
-def read_spread(value: Any, folder: Path) -> AnySpread:
-    """Read the distribution of diameters, one of uniform, normal, discrete, measured; its file is sought in ``folder``."""
-    measured = partial(_read_measured, folder=folder)
-    kinds: dict[str, Rule] = {
-        "uniform": _read_uniform,
-        "normal": _read_normal,
-        "discrete": _read_discrete,
-        "measured": measured,
-    }
-    allowed = f"exactly one of {', '.join(kinds)}"
-    if not isinstance(value, dict):
-        mend = f"Did you mean {{uniform: {value}}}?" if isinstance(value, str) else "Leave spread out for equal balls."
-        raise Refused(show(value), allowed, mend)
-    if len(value) != 1:
-        raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
-    (found,) = block(value, kinds).values()
-    return found  # type: ignore[no-any-return]
-
-
-def _read_uniform(value: Any) -> Uniform:
-    return Uniform(WIDTH.read(value))
-
-
-def _read_normal(value: Any) -> Normal:
-    """Read a standard deviation, or a block {std, cutoff}."""
-    if not isinstance(value, dict):
-        return Normal(WIDTH.read(value))
-    cutoff = partial(number, low=1e-3, high=10.0)
-    return Normal(**block(value, {"std": WIDTH.read, "cutoff": cutoff}, ("std",)))
-
-
-def _read_discrete(value: Any) -> Discrete:
-    """Read a block {diameters, fractions} of two lists of the same length."""
-    rules = {
-        "diameters": _read_diameters,
-        "fractions": partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions"),
-    }
-    given = block(value, rules, tuple(rules))
-    try:
-        return Discrete(**given)
-    except InputError as error:
-        allowed = "one fraction for each diameter, with the sum 1"
-        raise Refused(show(given["fractions"]), allowed, str(error), ("fractions",)) from None
+#: the fields of each block by their keys; those at the top level stand alone under their own key
+_BLOCKS: dict[str, dict[str, Field]] = {}
+for _field in FIELDS:
+    _BLOCKS.setdefault(_field.key.partition(".")[0], {})[_field.key.partition(".")[2]] = _field
+#: the blocks that a scene must have
+_NEEDED_BLOCKS = ("material", "packing", "load")
+#: what a block "load" must hold, in words for messages
+_ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 
 
-def _read_measured(value: Any, folder: Path) -> Measured:
-    """Read the name of a table, a block {file, column}, or a block {diameters}."""
-    if isinstance(value, dict) and "diameters" in value:
-        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
-    given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
-    try:
-        return Measured.from_csv(folder / given["file"], given.get("column"), quoted=False)
-    except InputError as error:
-        raise Refused(show(given["file"]), "a table with a column of diameters", str(error)) from None
+# -- writing and checking -------------------------------------------------------------------------------------------
 
 
-def table_named(value: Any) -> str | None:
-    """Name of the table that a spread of a valid scene file takes its diameters from; None if it names no table."""
-    measured = value.get("measured") if isinstance(value, dict) else None
-    return measured.get("file") if isinstance(measured, dict) else measured
+def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
+    """Return what the file of a scene holds, with every default written out, as plain data."""
+    out: dict[str, Any] = {}
+    for name, fields in _BLOCKS.items():
+        found = {key: value for key, field in fields.items() if (value := field.write(scene, at)) is not None}
+        if found:
+            out[name] = found.get("", found)
+    return out
 
 
-_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
-
-
-def write_spread(given: Any, table: str = "") -> dict[str, Any]:
-    """Write a spread so that :func:`read_spread` reads it back to the last bit.
-
-    More than :data:`MOST_DIAMETERS` measured diameters are written as the name ``table`` of their table, if one is given.
-    """
-    if isinstance(given, Uniform):
-        return {"uniform": WIDTH.write(given.width)}
-    if isinstance(given, Normal):
-        return {"normal": {"std": WIDTH.write(given.std), "cutoff": given.cutoff}}
-    if table and _is_long(given):
-        return {"measured": table}
-    diameters = [LENGTH.write(diameter) for diameter in given.diameters]
-    if isinstance(given, Discrete):
-        return {"discrete": {"diameters": diameters, "fractions": given.fractions}}
-    return {"measured": {"diameters": diameters}}
-
-
-def _is_long(given: Any) -> bool:
-    """Whether a spread has more measured diameters than a scene file lists itself."""
-    return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
-
-
-def diameters_table(given: Any) -> str | None:
-    """Text of a table of the measured diameters, m, if they are too many for a scene file; else None."""
-    if not _is_long(given):
-        return None
-    return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
-
-
-# -- media, and what a sweep goes over ------------------------------------------------------------------------------
-
-
-def read_media(value: Any, lattice: Lattice, written: bool = False) -> tuple[MediumChoice, ...]:
-    """Read one medium, or a list of them, on a lattice: its number of periods says what the shape of a sample is.
-
-    What is ``written`` in a file has units.
-    """
-    rule = partial(read_medium, lattice=lattice, written=written)
-    if not isinstance(value, list | tuple):
-        return (rule(value),)
-    found: tuple[MediumChoice, ...] = each(value, rule, "media")
-    labels = [one.label for one in found]
-    double = [label for label in labels if labels.count(label) > 1]
-    if double:
-        raise Refused(f"{double[0]!r} twice", f"{', '.join(MEDIA)}, each once")
+def scene_rule(place: str, at: Context) -> Any:
+    """Return the rule of the attribute ``place`` of a scene."""
+    (found,) = (field.kind.rule(at) for field in FIELDS if field.place == place)
     return found
 
 
-def read_parameters(value: Any, folder: Path, lattice: Lattice = TRIANGULAR) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    """Read the parameters of the packing that a sweep varies, each with its values, in the order given.
+# -- reading --------------------------------------------------------------------------------------------------------
 
-    If the lattice is not swept, it is ``lattice``. Motions must be those of every lattice.
+
+def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
+    """Read the values in ``document``, in SI units, each block as a mapping; tables it names are sought in ``folder``.
+
+    :class:`~granphon.base.errors.SceneError` tells one mistake. An unknown key comes first, as a misspelt key is often the
+    reason why another is missing; then the first value that its rule refuses; then a missing key.
     """
-    swept = read_lattices(value["lattice"]) if isinstance(value, Mapping) and "lattice" in value else (lattice,)
-    lattices = tuple(map(find_lattice, swept))
-    numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | _PLAIN
-    others: dict[str, Rule] = {
-        "spread": partial(read_spread, folder=folder), "friction": truth,
-        "motions": partial(read_motions, lattices=lattices),
-    }  # fmt: skip
-    rules: dict[str, Rule] = {name: partial(read_values, rule=rule) for name, rule in numbers.items()}
-    rules |= {name: partial(each, rule=rule, what="values") for name, rule in others.items()}
-    rules["lattice"] = read_lattices
-    return tuple(block(value, {name: partial(_read_once, rule=rules[name]) for name in PARAMETERS}).items())
-
-
-def _read_once(value: Any, rule: Rule) -> tuple[Any, ...]:
-    """Read the values of a parameter by a rule, and refuse one that stands there twice."""
-    found: tuple[Any, ...] = rule(value)
-    if (double := find_double(found)) is not None:
-        told = show(value[double]) if isinstance(value, list | tuple) else "a value"
-        raise Refused(f"{told} twice", "each value once", path=(double,) if isinstance(value, list | tuple) else ())
-    return found
-
-
-def write_parameter(name: str, given: Sequence[Any]) -> Any:
-    """Write the values of one parameter so that :func:`read_parameters` reads them back to the last bit."""
-    if name in _QUANTITIES:
-        return write_values(given, _QUANTITIES[name].write)
-    if name in _PLAIN and not any(isinstance(value, str) for value in given):
-        return write_values(given, float)
-    others: dict[str, Rule] = {"spread": write_spread, "lattice": write_lattice, "friction": bool}
-    others |= {"motions": str, "torsion": write_torsion}
-    return [others[name](value) for value in given]
-
-
-# -- single values --------------------------------------------------------------------------------------------------
-
-
-def read_lattice(value: Any) -> str | Lattice:
-    """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as several are called so."""
-    if isinstance(value, dict):
-        return _read_own_lattice(value)
-    allowed = f"{', '.join(LATTICES)}, or {_OWN_LATTICE}"
-    if value == "hexagonal":
-        raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
+    data: Any = document.data
+    if isinstance(data, list):
+        raise document.error((), f"found a list; allowed: a block of keys: {', '.join(_BLOCKS)}.")
     try:
-        return choice(value, tuple(LATTICES))
+        _require_known(data)
+        at = Context(_find_lattice(data), folder=folder)
+        return block(data, {name: partial(_read_block, name, at=at) for name in _BLOCKS}, _NEEDED_BLOCKS)
     except Refused as refused:
-        raise Refused(refused.found, allowed, refused.mend) from None
+        raise document.error(refused.path, str(_convert_percent(data, refused))) from None
 
 
-def _read_own_lattice(value: dict[str, Any]) -> Lattice:
-    """Read a block {name, cell, sites}; one ball at the origin if the sites are left out."""
-    rows = partial(each, rule=partial(each, rule=_read_fraction, what="numbers"), what="lists of numbers")
-    given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
-    try:
-        return Lattice(**given)
-    except InputError as error:
-        raise Refused(show(given["name"]), "a lattice of balls that touch and do not overlap", str(error)) from None
+def _read_block(name: str, value: Any, at: Context) -> Any:
+    """Read a block, or the value of a key at the top level."""
+    fields = _BLOCKS[name]
+    if "" in fields:
+        return fields[""].kind.read(value, at)
+    if name in ("phonopy", "spectrum") and value is None:
+        return {}  # every key below it is commented out
+    if name == "load" and isinstance(value, dict):  # block() refuses another value, with the keys that are allowed
+        given = [kind for kind in LOADS if kind in value]
+        if not given:
+            raise Refused("balls_per_side without side_force" if value else "no load", _ONE_LOAD)
+        if len(given) > 1:
+            raise Refused(" and ".join(given), _ONE_LOAD, "Remove all but one.")
+        if ("side_force" in value) != ("balls_per_side" in value):
+            raise Refused("side_force alone" if "side_force" in value else f"{given[0]} and balls_per_side", _ONE_LOAD)
+    needed = [key for key, field in fields.items() if field.default == NEEDED]
+    return block(value, {key: field.kind.rule(at) for key, field in fields.items()}, needed)
 
 
-def _read_fraction(value: Any) -> float:
-    """Read a plain number, or a fraction such as "1/3"."""
-    if isinstance(value, str) and (parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)):
-        return int(parts[1]) / int(parts[2])
-    return number(value, -1e3, 1e3)
+def _require_known(data: Any) -> None:
+    """Refuse the first unknown key, and say to which block it belongs if another block has such a key."""
+    known = {"": list(_BLOCKS)} | {name: list(fields) for name, fields in _BLOCKS.items() if "" not in fields}
+    for name, keys in known.items():
+        given = data.get(name) if name and isinstance(data, Mapping) else data
+        ranges = isinstance(given, dict) and {"from", "to", "points", "scale"} & set(given)
+        if name == "load" and (isinstance(given, list) or ranges):
+            found, mend = f"{show(given)}, without the kind of load", "Write 'force:' before it, or another."
+            raise Refused(found, _ONE_LOAD, mend, ("load",))
+        for key in given if isinstance(given, Mapping) else ():
+            if key not in keys:
+                home = next((home for home in known if key in known[home]), name)
+                mend = "" if home == name else f"It belongs under '{home}'." if home else "It belongs at the top level."
+                refused = refuse_unknown_key(key, keys, mend)
+                raise refused.under(name) if name else refused
 
 
-def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
-    """Read a list of lattices of one dimension, which a sweep takes in turn."""
-    found: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
-    try:
-        Axis.of("lattice", found)
-    except InputError as error:
-        raise Refused(show(value), "lattices of one dimension, each once", str(error)) from None
-    return found
+def _find_lattice(data: Any) -> Lattice:
+    """Read the lattice of a scene before its other values, whose rules depend on it."""
+    readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": rules.read_lattices}
+    found = {}
+    for name, rule in readers.items():
+        inside = data.get(name) if isinstance(data, Mapping) else None
+        if isinstance(inside, Mapping) and "lattice" in inside:
+            found[name] = read_inside(name, partial(read_inside, "lattice", rule), inside["lattice"])
+    return rules.choose_lattice(find_lattice(found.get("packing", TRIANGULAR)), found.get("sweep", ()))
 
 
-def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
-    """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep in another dimension."""
-    first = find_lattice(swept[0]) if swept else own
-    return own if (first.periods, first.dimension) == (own.periods, own.dimension) else first
-
-
-def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
-    """Return the name of a built-in lattice, or the block of another; :func:`read_lattice` reads it back to the last bit."""
-    structure = find_lattice(lattice)
-    if LATTICES.get(structure.name) == structure:
-        return structure.name
-    return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
-
-
-def read_motions(value: Any, lattices: Sequence[Lattice]) -> str:
-    """Read the name of motions that the balls of each of the lattices can have."""
-    for lattice in lattices:
-        options = tuple(allowed_motions(lattice.dimension))
-        if not (isinstance(value, str) and value in options):
-            allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
-            meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
-            raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
-    return str(value)
-
-
-def read_torsion(value: Any) -> float | str:
-    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that does not slip."""
-    if value == MINDLIN:
-        return MINDLIN
-    try:
-        return zero_or_above(value)
-    except Refused as refused:
-        meant = closest(value, (MINDLIN,)) if isinstance(value, str) else None
-        allowed = f"{refused.allowed}, or {MINDLIN}"
-        raise Refused(refused.found, allowed, f"Did you mean {meant!r}?" if meant else refused.mend) from None
-
-
-def write_torsion(value: float | str) -> float | str:
-    """Return a torsional stiffness as :func:`read_torsion` reads it."""
-    return value if isinstance(value, str) else float(value)
-
-
-def read_schema(value: Any) -> int:
-    """Read the number of the schema of a scene file, which must be the one that this granphon reads."""
-    if value == SCENE_SCHEMA and isinstance(value, int) and not isinstance(value, bool):
-        return SCENE_SCHEMA
-    newer = isinstance(value, int) and value > SCENE_SCHEMA
-    raise Refused(show(value), str(SCENE_SCHEMA), "The scene was written for a newer granphon." if newer else "")
-
-
-def read_observables(value: Any) -> tuple[str, ...]:
-    """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``."""
-    allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
-    if not isinstance(value, list | tuple) or not value:
-        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""
-        raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
-    names = tuple(choice(name, OBSERVABLES) for name in value)
-    double = [name for name in names if names.count(name) > 1]
-    if double:
-        raise Refused(f"{double[0]!r} twice", allowed + ", each once")
-    return tuple(name for name in OBSERVABLES if name in names)
-
-
-# -- what depends on the dimension ---------------------------------------------------------------------------
-
-
-#: the mesh of a density of states for one, two and three periods, if a scene gives none
-MESHES = ((1024,), (64, 64), (32, 32, 32))
-
-
-def supercell(value: Any, lattice: Lattice) -> tuple[int, ...]:
-    """Read the cells of a supercell along each period of a lattice."""
-    return _read_grid(value, lattice, ("3 1 1", "3 3 1", "3 3 3"), 2, 100)
-
-
-def mesh_numbers(value: Any, lattice: Lattice) -> tuple[int, ...]:
-    """Read the wave vectors of a mesh along each period of a lattice; in space a 1 would be the mesh of a plane."""
-    return _read_grid(value, lattice, ("1024 1 1", "64 64 1", "32 32 32"), 2 if lattice.periods == 3 else 1, 4096)
-
-
-def _read_grid(value: Any, lattice: Lattice, examples: Sequence[str], low: int, high: int) -> tuple[int, ...]:
-    p = lattice.periods
-    given = [value] if p == 1 and is_whole(value) else value
-    return grid(given, low, high, examples[p - 1], p)
-
-
-def write_grid(numbers: Sequence[int]) -> str:
-    """Return whole numbers for each period as three words, as phonopy writes them: 1 beyond the periods."""
-    return " ".join(map(str, (*numbers, 1, 1)[:3]))
-
-
-def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
-    """Read the direction of sound on a lattice, Cartesian: one as its numbers, many as a tuple of these."""
-    p = lattice.periods
-    example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]
-    allowed = f"{('one number', 'two numbers', 'three numbers')[p - 1]}, not all zero, such as {example}; or a list of these"
-    plain = value.tolist() if isinstance(value, np.ndarray) else value
-    many = isinstance(plain, list | tuple) and any(
-        isinstance(one, list | tuple) or (isinstance(one, str) and len(one.split()) > 1) for one in plain
-    )
-    found: list[tuple[float, ...]] = []
-    seen = []
-    for place, one in enumerate(plain if many else [plain]):
-        path = (place,) if many else ()
-        try:
-            found.append(_read_direction(one))
-            seen.append(as_direction(found[-1], p).tolist())
-        except InputError:
-            raise Refused(show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path) from None
-        if seen[-1] in seen[:-1]:
-            raise Refused(f"{show(one)} twice", "each direction once", path=path)
-    return tuple(found) if many else found[0]
-
-
-def _read_direction(value: Any) -> tuple[float, ...]:
-    """Read the numbers of one direction, as a list or as a text such as "1 1 0"; a single number is that of a line."""
-    words = value.split() if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
-    return tuple(_read_fraction(float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one) for one in words)
-
-
-def read_load(value: Any, kind: str, lattice: Lattice) -> float:
-    """Read a load of a ``kind`` on a lattice: its number of periods says what a pressure is."""
-    quantity = load_quantities(lattice.periods)[kind]
-    try:
-        return quantity.read(value)
-    except Refused as refused:
-        if kind != "pressure" or not _measures_another(value, quantity):
-            raise
-        mend = f"The pressure of the {lattice.name} lattice is in {quantity.unit}."
-        raise Refused(refused.found, refused.allowed, f"{mend} {refused.mend}".rstrip()) from None
-
-
-def _measures_another(value: Any, wanted: Quantity) -> bool:
-    """Whether a text holds a pressure of a lattice with another number of periods."""
-    for other in (load_quantities(p)["pressure"] for p in (1, 2, 3)):
-        if other.unit != wanted.unit:
-            with suppress(Refused):
-                other.read(value)
-                return True
-    return False
-
-
-_QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH, "width": WIDTH}
-#: the parameters that are plain numbers
-_PLAIN: dict[str, Rule] = {"poisson_ratio": read_poisson_ratio, "torsion": read_torsion, "bending": zero_or_above}
-segment_points = partial(whole, low=2, high=100_000)
+def _convert_percent(data: Any, refused: Refused) -> Refused:
+    """Return the refusal of a width in per cent with the length that it is of the diameter; any other as it is."""
+    value: Any = data
+    with suppress(LookupError, TypeError, Refused, AttributeError):
+        for key in refused.path:
+            value = value[key]
+        told = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
+        if told and refused.path[:2] in (("packing", "spread"), ("sweep", "width"), ("sweep", "spread")):
+            diameter = LENGTH.read(data["packing"]["diameter"])
+            width = write_quantity(float(told[1]) / 100.0 * diameter, "m")
+            mend = f"{told[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
+            return Refused(refused.found, refused.allowed, mend, refused.path)
+    return refused

@@ -29,7 +29,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
-from granphon.waves.settings import READINGS, WaveSettings
+from granphon.waves.settings import MOMENTS, READINGS, WaveSettings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: moments of the waves of an array, if no resolution is given
-_MOMENTS = 256
 #: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
 MOST_CASES = 100
 #: greatest number of states that a survey solves; if there are more, it solves those at the ends of the axes and loads
@@ -411,7 +409,7 @@ class Plan:
         for force in costs.find_typical_force(packing, load).tolist():
             ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
             top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
-            half = 0.5 * _MOMENTS  # each product gives two moments
+            half = 0.5 * MOMENTS  # each product gives two moments
             products, heard, readings = 20.0 * half * samples * wanted.dos, 0.0, 0.0
             if (spectrum := wanted.spectrum) is not None:
                 if (fine := spectrum.resolution) is not None:

@@ -17,8 +17,8 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
-from granphon.scene.fields import choose_lattice, table_named
-from granphon.scene.schema import read_blocks
+from granphon.scene.fields import read_blocks
+from granphon.scene.rules import choose_lattice, table_named
 from granphon.waves.settings import PulseSettings, SpectrumSettings
 
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m

@@ -31,8 +31,8 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.text import read_yaml, require_schema
-from granphon.scene.fields import DIAMETERS_FILE
 from granphon.scene.plan import Plan
+from granphon.scene.rules import DIAMETERS_FILE
 from granphon.scene.specification import Specification
 
 #: tables of the balls and contacts of a sample that was loaded with friction

@@ -16,7 +16,6 @@ from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, read_yaml, versions
 from granphon.observables.catalogue import Analysis
-from granphon.scene.fields import DIAMETERS_FILE
 from granphon.scene.plan import Plan
 from granphon.scene.reader import SceneSource
 from granphon.scene.result_files import (
@@ -27,6 +26,7 @@ from granphon.scene.result_files import (
     list_files,
 )
 from granphon.scene.results import RunResult
+from granphon.scene.rules import DIAMETERS_FILE
 from granphon.sweeps.records import SampleRecord
 from granphon.sweeps.store import Store, TaskResult, open_store
 from granphon.sweeps.sweep import SweepRun

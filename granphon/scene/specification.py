@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
-from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing
 from granphon.base.errors import InputError, Refused, message
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, load_quantities
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
-from granphon.base.validation import read_inside, require, truth
+from granphon.base.validation import read_inside, require
 from granphon.media.cases import require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.phonons.paths import BandPath, read_paths
-from granphon.scene import fields as rules
+from granphon.scene import rules
+from granphon.scene.fields import scene_rule, write_blocks
 from granphon.scene.reader import SceneSource
-from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings, write_settings
+from granphon.scene.rules import Context
+from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings
 
 
 @dataclass(frozen=True)
 class Specification:
     """The values of a :class:`~granphon.scene.scene.Scene`, which describes them; no state is computed of them here."""
+
+    schema: ClassVar[int] = rules.SCENE_SCHEMA
 
     packing: Packing
     load: Load
@@ -60,16 +61,10 @@ class Specification:
             object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
         if isinstance(self.media, tuple | list) and not self.media:
             object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
-        checks: dict[str, Callable[[Any], Any]] = {
-            "media": partial(rules.read_media, lattice=lattice), "finite_overlap": truth, "observe": rules.read_observables,
-            "band_points": rules.segment_points, "mesh": partial(rules.mesh_numbers, lattice=lattice),
-        }  # fmt: skip
-        if self.dim is not None:
-            checks["dim"] = partial(rules.supercell, lattice=lattice)
-        if self.direction is not None:
-            checks["direction"] = partial(rules.read_directions, lattice=lattice)
-        for name, rule in checks.items():
-            object.__setattr__(self, name, require(name, rule, getattr(self, name)))
+        at = Context(lattice, written=False)
+        for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, require(name, scene_rule(name, at), value))
         if all(one.is_exact for one in self.media) and self.balls_differ:
             object.__setattr__(self, "finite_overlap", True)
         # in space ASE knows the path: a scene without bands does not ask it
@@ -140,44 +135,7 @@ class Specification:
         name of a table, whose text is :attr:`diameters`.
         :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text is too long.
         """
-        packing, material = self.packing, self.packing.material
-        blocks: dict[str, Any] = {"schema": rules.SCENE_SCHEMA}
-        blocks["material"] = {
-            "young_modulus": MODULUS.write(material.young_modulus), "poisson_ratio": material.poisson_ratio,
-            "density": DENSITY.write(material.density),
-        }  # fmt: skip
-        if material.yield_strength is not None:
-            blocks["material"]["yield_strength"] = MODULUS.write(material.yield_strength)
-        blocks["packing"] = {"lattice": rules.write_lattice(packing.structure), "diameter": LENGTH.write(packing.diameter)}
-        if packing.spread is not None:
-            blocks["packing"]["spread"] = rules.write_spread(packing.spread, rules.DIAMETERS_FILE)
-        blocks["packing"] |= {"friction": packing.friction, "finite_overlap": self.finite_overlap}
-        if packing.motions not in (None, next(iter(allowed_motions(packing.structure.dimension)))):
-            blocks["packing"]["motions"] = packing.motions
-        blocks["packing"] |= {name: value for name in ("torsion", "bending") if (value := getattr(packing, name))}
-        quantity = load_quantities(packing.structure.periods)[self.load.kind]
-        blocks["load"] = {self.load.kind: rules.write_values(self.load.values, quantity.write)}
-        if self.load.balls_per_side is not None:
-            blocks["load"]["balls_per_side"] = self.load.balls_per_side
-        settings = [(choice.name, choice.settings_on(packing.structure)) for choice in self.media]
-        media = [{name: options} if options else name for name, options in settings]
-        blocks["medium"] = media if len(media) > 1 else media[0]
-        if self.parameters:
-            blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}
-        blocks["observe"] = self.observe
-        if self.direction is not None:
-            blocks["direction"] = self.direction
-        if "spectrum" in self.observe:
-            blocks["spectrum"] = write_settings(self.spectrum)
-        if self.pulse is not None:
-            blocks["pulse"] = write_settings(self.pulse)
-        blocks["phonopy"] = {} if self.dim is None else {"dim": rules.write_grid(self.dim)}
-        if self.band is not None:
-            blocks["phonopy"]["band"] = str(self.band)
-            if self.band.labels is not None:
-                blocks["phonopy"]["band_labels"] = self.band.labels
-        blocks["phonopy"] |= {"band_points": self.band_points, "mesh": rules.write_grid(self.grid)}
-        text = dump_yaml(blocks)
+        text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
         if len(text.encode()) > MOST_SCENE_BYTES:
             size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"

@@ -109,6 +109,20 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
 
 
+def tabulate(
+    packing: Packing, medium: str, force: Array, values: Mapping[str, Array], attributes: Mapping[str, Any]
+) -> Dataset:
+    """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
+    from xarray import Dataset
+
+    variables: dict[str, Any] = {
+        name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
+    }
+    variables["valid"] = (("load", "medium"), np.ones((force.size, 1), bool))
+    loads = ("load", force, _list_attributes("force", force, packing))
+    return Dataset(variables, {"force": loads, "medium": [medium]}, {**attributes, "packing": to_json(packing)})
+
+
 def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
     found = getattr(result, "dataset", result)

@@ -15,11 +15,11 @@ from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.networks.network import ContactNetwork
-from granphon.waves.kernel import Kernel
+from granphon.waves.chebyshev import Kernel
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.plane_waves import find_polarisations
-from granphon.waves.sending import MARGIN, PulseSource, require_sendable
+from granphon.waves.pulse_source import MARGIN, PulseSource, require_sendable
 from granphon.waves.settings import SpectrumSettings, WaveSettings
 
 

@@ -15,8 +15,7 @@ from granphon.balls.distributions import PointShape
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
-from granphon.laws.collocation import solve_curve
-from granphon.laws.effective import make_averages
+from granphon.laws.effective import solve_curve
 from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
@@ -98,7 +97,7 @@ class Disorder:
         x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, _TRIAL_DIAMETERS).astype(int))]
         few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         begun = self.stopwatch.now()
-        solve_curve(few, 1.0, make_averages(few, 1.0), 12, 1e-10)
+        solve_curve(few, 1.0, 12, 1e-10)
         return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** _TIME_POWER)
 
     @cached_property

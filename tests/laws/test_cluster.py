@@ -15,8 +15,8 @@ from granphon.base import threads
 from granphon.base.errors import InputError, MechanismError, PrecisionError, SceneError
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import local_field
+from granphon.laws import cluster as curves
 from granphon.laws import cluster_balance as balances
-from granphon.laws import cluster_curve as curves
 from granphon.laws import cluster_descent as descents
 from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_balance import ClusterBalance, Effective

@@ -21,7 +21,7 @@ from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Qua
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.phonons.paths import BandPath
-from granphon.scene.fields import SCALES, space_evenly
+from granphon.scene.rules import SCALES, space_evenly
 from granphon.scene.scene import Scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

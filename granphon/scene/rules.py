@@ -1,0 +1,463 @@
+"""How values of a scene file are read and written, one :class:`Kind` for each sort of value.
+
+A reader takes what stands in the file and the :class:`Context` of the scene, and raises
+:class:`~granphon.base.errors.Refused` for what it does not take, see :mod:`granphon.base.validation`. A writer returns plain
+data that the reader turns into the same value, to the last bit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
+from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
+from granphon.balls.material import read_poisson_ratio
+from granphon.balls.motions import allowed_motions
+from granphon.balls.packing import MINDLIN
+from granphon.balls.parameters import PARAMETERS, Axis, find_double
+from granphon.base.errors import InputError, Refused
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Quantity, load_quantities
+from granphon.base.tables import Heading, table_text
+from granphon.base.text import closest, show
+from granphon.base.validation import (
+    Rule,
+    block,
+    choice,
+    each,
+    grid,
+    is_whole,
+    label,
+    number,
+    text,
+    truth,
+    whole,
+    zero_or_above,
+)
+from granphon.media.choice import MEDIA, MediumChoice, read_medium
+
+#: version number of the layout of a scene file, its key "schema"
+SCENE_SCHEMA = 1
+#: what a scene may compute, in the order in which a scene keeps it
+OBSERVABLES = ("velocities", "bands", "dos", "spectrum", "pulse")
+#: how the points of a range may be spaced; the first is the default
+SCALES = ("log", "linear")
+#: the mesh of a density of states for one, two and three periods, if a scene gives none
+MESHES = ((1024,), (64, 64), (32, 32, 32))
+
+#: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
+MOST_DIAMETERS = 1000
+#: name of that table
+DIAMETERS_FILE = "diameters.csv"
+
+#: where the balls of a lattice of one, two or three dimensions lie
+_PLACES = ("on a line", "in a plane", "in space")
+#: the block of a lattice that has no name of its own
+_OWN_LATTICE = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the values of a scene depend on.
+
+    Attributes
+    ----------
+    lattice : of the packing; it says what motions, pressures, samples, directions, paths and meshes there are.
+    swept : the lattices of a sweep; motions must be those of each.
+    folder : in which tables named in the file are sought.
+    written : whether values stand in a file, where quantities have units; in Python plain numbers are in SI.
+    """
+
+    lattice: Lattice = TRIANGULAR
+    swept: tuple[Lattice, ...] = ()
+    folder: Path = field(default_factory=Path)
+    written: bool = True
+
+
+class Kind(NamedTuple):
+    """How values of one sort are read from a file, and written into it."""
+
+    read: Callable[[Any, Context], Any]
+    write: Callable[[Any, Context], Any] = lambda value, _: value
+
+    @classmethod
+    def plain(cls, rule: Rule, write: Callable[[Any], Any] = lambda value: value) -> Kind:
+        """Return the kind of values that do not depend on the scene."""
+        return cls(lambda value, _: rule(value), lambda value, _: write(value))
+
+    def rule(self, at: Context) -> Rule:
+        """Return the rule that reads such a value of a scene."""
+        return lambda value: self.read(value, at)
+
+
+def quantity(kind: Quantity) -> Kind:
+    """Return the kind of a number with its unit."""
+    return Kind.plain(kind.read, kind.write)
+
+
+@contextmanager
+def _refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
+    """Turn an error of the block into the refusal of the value at ``path``."""
+    try:
+        yield
+    except InputError as error:
+        raise Refused(show(value), allowed, str(error), path) from None
+
+
+# -- lists and ranges -----------------------------------------------------------------------------------------------
+
+
+def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
+    """Read a number or quantity, a list of them, or a range {from, to, points, scale}, evenly spaced on that scale."""
+    if isinstance(value, list | tuple):
+        return each(value, rule, "values")
+    if not isinstance(value, dict):
+        return (rule(value),)
+    points = partial(whole, low=1, high=200_000)
+    rules: dict[str, Rule] = {"from": rule, "to": rule, "points": points, "scale": partial(choice, options=SCALES)}
+    given = block(value, rules, ("from", "to", "points"))
+    first, last, count, scale = given["from"], given["to"], given["points"], given.get("scale", SCALES[0])
+    if (first == last) != (count == 1):
+        found = f"{count} for the range from {value['from']} to {value['to']}"
+        raise Refused(found, "1 if both ends are the same, 2 or more if they are not", path=("points",))
+    if scale == "log" and min(first, last) <= 0.0:
+        raise Refused(f"a log range from {value['from']} to {value['to']}", "values above zero", "Write scale: linear.")
+    return space_evenly(first, last, count, scale)
+
+
+def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
+    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to exactly ``last``."""
+    between = np.geomspace if scale == "log" else np.linspace
+    with np.errstate(all="ignore"):  # the ends may be the smallest and the largest numbers of double precision
+        return tuple(between(first, last, count).tolist())
+
+
+def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
+    """Write values as one number, as a range if that gives the same values, or else as a list."""
+    first, last, count = given[0], given[-1], len(given)
+    if count == 1:
+        return write(first)
+    for scale in SCALES if count > 2 and first != last else ():
+        positive = scale == "linear" or min(first, last) > 0.0
+        if positive and space_evenly(first, last, count, scale) == tuple(given):
+            return {"from": write(first), "to": write(last), "points": count, "scale": scale}
+    return [write(value) for value in given]
+
+
+# -- spreads --------------------------------------------------------------------------------------------------------
+
+
+def _read_normal(value: Any) -> Normal:
+    """Read a standard deviation, or a block {std, cutoff}."""
+    if not isinstance(value, dict):
+        return Normal(WIDTH.read(value))
+    cutoff = partial(number, low=1e-3, high=10.0)
+    return Normal(**block(value, {"std": WIDTH.read, "cutoff": cutoff}, ("std",)))
+
+
+def _read_discrete(value: Any) -> Discrete:
+    """Read a block {diameters, fractions} of two lists of the same length."""
+    fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
+    given = block(value, {"diameters": _read_diameters, "fractions": fractions}, ("diameters", "fractions"))
+    with _refusing(given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"):
+        return Discrete(**given)
+
+
+def _read_measured(value: Any, at: Context) -> Measured:
+    """Read the name of a table, a block {file, column}, or a block {diameters}."""
+    if isinstance(value, dict) and "diameters" in value:
+        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
+    given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
+    with _refusing(given["file"], "a table with a column of diameters"):
+        return Measured.from_csv(at.folder / given["file"], given.get("column"), quoted=False)
+
+
+_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
+
+
+#: the distributions of diameters by their names, each with its class and its kind
+_SPREADS: dict[str, tuple[type, Kind]] = {
+    "uniform": (Uniform, Kind.plain(lambda value: Uniform(WIDTH.read(value)), lambda given: WIDTH.write(given.width))),
+    "normal": (Normal, Kind.plain(_read_normal, lambda given: {"std": WIDTH.write(given.std), "cutoff": given.cutoff})),
+    "discrete": (
+        Discrete, Kind.plain(_read_discrete, lambda given: _write_diameters(given) | {"fractions": given.fractions}),
+    ),
+    "measured": (Measured, Kind(_read_measured, lambda given, _: _write_diameters(given))),
+}  # fmt: skip
+
+
+def _write_diameters(given: Discrete | Measured) -> dict[str, Any]:
+    return {"diameters": [LENGTH.write(diameter) for diameter in given.diameters]}
+
+
+def _read_spread(value: Any, at: Context) -> Any:
+    """Read the distribution of diameters, one of uniform, normal, discrete, measured."""
+    allowed = f"exactly one of {', '.join(_SPREADS)}"
+    if not isinstance(value, dict):
+        mend = f"Did you mean {{uniform: {value}}}?" if isinstance(value, str) else "Leave spread out for equal balls."
+        raise Refused(show(value), allowed, mend)
+    if len(value) != 1:
+        raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
+    (found,) = block(value, {name: kind.rule(at) for name, (_, kind) in _SPREADS.items()}).values()
+    return found
+
+
+def _write_spread(given: Any, at: Context) -> dict[str, Any]:
+    (found,) = ({name: kind.write(given, at)} for name, (made, kind) in _SPREADS.items() if isinstance(given, made))
+    return found
+
+
+def table_named(value: Any) -> str | None:
+    """Name of the table that a spread of a valid scene file takes its diameters from; None if it names no table."""
+    measured = value.get("measured") if isinstance(value, dict) else None
+    return measured.get("file") if isinstance(measured, dict) else measured
+
+
+def _is_long(given: Any) -> bool:
+    """Whether a spread has more measured diameters than a scene file lists itself."""
+    return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
+
+
+def diameters_table(given: Any) -> str | None:
+    """Text of a table of the measured diameters, m, if they are too many for a scene file; else None."""
+    if not _is_long(given):
+        return None
+    return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
+
+
+# -- what the packing is made of, which a sweep may vary ------------------------------------------------------------
+
+
+def _read_lattice(value: Any) -> str | Lattice:
+    """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as several are called so."""
+    if isinstance(value, dict):  # one ball at the origin if the sites are left out
+        rows = partial(each, rule=partial(each, rule=_read_fraction, what="numbers"), what="lists of numbers")
+        given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
+        with _refusing(given["name"], "a lattice of balls that touch and do not overlap"):
+            return Lattice(**given)
+    allowed = f"{', '.join(LATTICES)}, or {_OWN_LATTICE}"
+    if value == "hexagonal":
+        raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
+    try:
+        return choice(value, tuple(LATTICES))
+    except Refused as refused:
+        raise Refused(refused.found, allowed, refused.mend) from None
+
+
+def _write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
+    structure = find_lattice(lattice)
+    if LATTICES.get(structure.name) == structure:
+        return structure.name
+    return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
+
+
+def _read_fraction(value: Any) -> float:
+    """Read a plain number, or a fraction such as "1/3"."""
+    if isinstance(value, str) and (parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)):
+        return int(parts[1]) / int(parts[2])
+    return number(value, -1e3, 1e3)
+
+
+def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
+    """Read a list of lattices of one dimension, which a sweep takes in turn."""
+    found: tuple[str | Lattice, ...] = each(value, _read_lattice, "values")
+    with _refusing(value, "lattices of one dimension, each once"):
+        Axis.of("lattice", found)
+    return found
+
+
+def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
+    """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep in another dimension."""
+    first = find_lattice(swept[0]) if swept else own
+    return own if (first.periods, first.dimension) == (own.periods, own.dimension) else first
+
+
+def _read_motions(value: Any, at: Context) -> str:
+    """Read the name of motions that the balls of the lattice can have, in a sweep those of each lattice."""
+    for lattice in at.swept or (at.lattice,):
+        options = tuple(allowed_motions(lattice.dimension))
+        if not (isinstance(value, str) and value in options):
+            allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
+            meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
+            raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+    return str(value)
+
+
+def _read_torsion(value: Any) -> float | str:
+    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that does not slip."""
+    if value == MINDLIN:
+        return MINDLIN
+    try:
+        return zero_or_above(value)
+    except Refused as refused:
+        meant = closest(value, (MINDLIN,)) if isinstance(value, str) else None
+        allowed = f"{refused.allowed}, or {MINDLIN}"
+        raise Refused(refused.found, allowed, f"Did you mean {meant!r}?" if meant else refused.mend) from None
+
+
+#: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
+PARTS: dict[str, Kind] = {
+    "young_modulus": quantity(MODULUS), "poisson_ratio": Kind.plain(read_poisson_ratio, float),
+    "density": quantity(DENSITY), "yield_strength": quantity(MODULUS),
+    "lattice": Kind.plain(_read_lattice, _write_lattice), "diameter": quantity(LENGTH), "width": quantity(WIDTH),
+    "spread": Kind(_read_spread, _write_spread), "friction": Kind.plain(truth, bool), "finite_overlap": Kind.plain(truth),
+    "motions": Kind(_read_motions),
+    "torsion": Kind.plain(_read_torsion, lambda value: value if isinstance(value, str) else float(value)),
+    "bending": Kind.plain(zero_or_above, float),
+}  # fmt: skip
+#: the spread of a packing: if its diameters are too many, the scene names a table of them
+OWN_SPREAD = Kind(
+    _read_spread, lambda given, at: {"measured": DIAMETERS_FILE} if _is_long(given) else _write_spread(given, at)
+)
+
+
+def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """Read the parameters of the packing that a sweep varies, each with its values, in the order given."""
+    if isinstance(value, Mapping) and "lattice" in value:
+        at = replace(at, swept=tuple(map(find_lattice, read_lattices(value["lattice"]))))
+    return tuple(block(value, {name: partial(_read_axis, name=name, at=at) for name in PARAMETERS}).items())
+
+
+def _read_axis(value: Any, name: str, at: Context) -> tuple[Any, ...]:
+    """Read the values of a parameter, each once; numbers also as a single one or a range."""
+    rule = PARTS[name].rule(at)
+    found: tuple[Any, ...] = (
+        read_values(value, rule) if PARAMETERS[name] else read_lattices(value) if name == "lattice" else
+        each(value, rule, "values")
+    )  # fmt: skip
+    if (double := find_double(found)) is not None:
+        told = show(value[double]) if isinstance(value, list | tuple) else "a value"
+        raise Refused(f"{told} twice", "each value once", path=(double,) if isinstance(value, list | tuple) else ())
+    return found
+
+
+def _write_parameters(given: Sequence[tuple[str, tuple[Any, ...]]], at: Context) -> dict[str, Any] | None:
+    def write(name: str, values: tuple[Any, ...]) -> Any:
+        if PARAMETERS[name] and not any(isinstance(value, str) for value in values):
+            return write_values(values, lambda value: PARTS[name].write(value, at))
+        return [PARTS[name].write(value, at) for value in values]
+
+    return {name: write(name, values) for name, values in given} or None
+
+
+PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
+
+
+# -- loads, media, and what is observed -----------------------------------------------------------------------------
+
+
+def load_kind(name: str) -> Kind:
+    """Return the kind of the values of a load: the lattice says what a pressure is."""
+
+    def read_one(value: Any, at: Context) -> float:
+        own = load_quantities(at.lattice.periods)[name]
+        try:
+            return own.read(value)
+        except Refused as refused:
+            if not any(_is_taken(load_quantities(periods)[name].read, value) for periods in (1, 2, 3)):
+                raise
+            mend = f"The pressure of the {at.lattice.name} lattice is in {own.unit}. {refused.mend}".rstrip()
+            raise Refused(refused.found, refused.allowed, mend) from None
+
+    return Kind(
+        lambda value, at: read_values(value, lambda one: read_one(one, at)),
+        lambda load, at: (
+            write_values(load.values, load_quantities(at.lattice.periods)[name].write) if load.kind == name else None
+        ),
+    )
+
+
+def _is_taken(rule: Rule, value: Any) -> bool:
+    with suppress(Refused):
+        rule(value)
+        return True
+    return False
+
+
+def _read_media(value: Any, at: Context) -> tuple[MediumChoice, ...]:
+    """Read one medium, or a list of them."""
+    rule = partial(read_medium, lattice=at.lattice, written=at.written)
+    if not isinstance(value, list | tuple):
+        return (rule(value),)
+    found: tuple[MediumChoice, ...] = each(value, rule, "media")
+    labels = [one.label for one in found]
+    if double := [label for label in labels if labels.count(label) > 1]:
+        raise Refused(f"{double[0]!r} twice", f"{', '.join(MEDIA)}, each once")
+    return found
+
+
+def _write_media(given: Sequence[MediumChoice], at: Context) -> Any:
+    settings = [(one.name, one.settings_on(at.lattice)) for one in given]
+    media = [{name: options} if options else name for name, options in settings]
+    return media if len(media) > 1 else media[0]
+
+
+MEDIUM = Kind(_read_media, _write_media)
+
+
+def read_schema(value: Any) -> int:
+    """Read the number of the schema of a scene file, which must be the one that this granphon reads."""
+    if value == SCENE_SCHEMA and is_whole(value):
+        return SCENE_SCHEMA
+    newer = isinstance(value, int) and value > SCENE_SCHEMA
+    raise Refused(show(value), str(SCENE_SCHEMA), "The scene was written for a newer granphon." if newer else "")
+
+
+def read_observables(value: Any) -> tuple[str, ...]:
+    """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``."""
+    allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
+    if not isinstance(value, list | tuple) or not value:
+        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""
+        raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
+    names = tuple(choice(name, OBSERVABLES) for name in value)
+    if double := [name for name in names if names.count(name) > 1]:
+        raise Refused(f"{double[0]!r} twice", allowed + ", each once")
+    return tuple(name for name in OBSERVABLES if name in names)
+
+
+def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
+    """Return the kind of whole numbers for each period, written as three words as phonopy writes them: 1 beyond those."""
+
+    def read(value: Any, at: Context) -> tuple[int, ...]:
+        p = at.lattice.periods
+        given = [value] if p == 1 and is_whole(value) else value
+        return grid(given, low_in_space if p == 3 else low, high, examples[p - 1], p)
+
+    return Kind(read, lambda numbers, _: write_grid(numbers))
+
+
+def write_grid(numbers: Sequence[int]) -> str:
+    """Return whole numbers for each period as three words."""
+    return " ".join(map(str, (*numbers, 1, 1)[:3]))
+
+
+def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
+    """Read the direction of sound on a lattice, Cartesian: one as its numbers, many as a tuple of these."""
+    p = lattice.periods
+    example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]
+    allowed = f"{('one number', 'two numbers', 'three numbers')[p - 1]}, not all zero, such as {example}; or a list of these"
+    plain = value.tolist() if isinstance(value, np.ndarray) else value
+    many = isinstance(plain, list | tuple) and any(
+        isinstance(one, list | tuple) or (isinstance(one, str) and len(one.split()) > 1) for one in plain
+    )
+    found: list[tuple[float, ...]] = []
+    seen = []
+    for place, one in enumerate(plain if many else [plain]):
+        path = (place,) if many else ()
+        words = one.split() if isinstance(one, str) else one if isinstance(one, list | tuple) else [one]
+        try:
+            numbers = [float(word) if isinstance(word, str) and re.fullmatch(NUMBER, word) else word for word in words]
+            found.append(tuple(map(_read_fraction, numbers)))
+            seen.append(as_direction(found[-1], p).tolist())
+        except InputError:
+            raise Refused(show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path) from None
+        if seen[-1] in seen[:-1]:
+            raise Refused(f"{show(one)} twice", "each direction once", path=path)
+    return tuple(found) if many else found[0]
