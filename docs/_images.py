@@ -17,6 +17,8 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+from granphon.figures.scales import FORCES
+
 import matplotlib.pyplot as plt
 import numpy as np
 from ase.optimize import BFGS
@@ -31,7 +33,6 @@ from granphon.figures.bands import bands_figure, plot_bands, plot_dos
 from granphon.figures.fits import fit_figure
 from granphon.figures.forces import forces_figure
 from granphon.figures.modes import plot_mode
-from granphon.figures.scales import FORCES
 from granphon.figures.style import BLUE, GUIDE, STYLE, VERMILION
 from granphon.figures.views import Painter, View
 from granphon.figures.work_precision import plot_work_precision

@@ -8,13 +8,14 @@ Sound along the stacking axis does not depend on the order: the twelve branches 
 
 import sys
 
+from granphon.figures.scales import scale_axis
+
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
 from granphon.figures.bands import plot_bands
-from granphon.figures.scales import scale_axis
 from granphon.figures.style import BLUE, LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR, VERMILION
 from granphon.figures.zones import plot_zone
 

@@ -11,6 +11,8 @@ with Mindlin's ratio :math:`\eta`. Dashed lines are the limit of long waves.
 
 import sys
 
+from granphon.figures.scales import ROTATION
+
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,7 +21,6 @@ from matplotlib.cm import ScalarMappable
 import granphon as gp
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import plot_bands
-from granphon.figures.scales import ROTATION
 from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

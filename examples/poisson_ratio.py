@@ -13,13 +13,14 @@ softens them in shear. At K the rotational mode is the lowest in every material.
 
 import sys
 
+from granphon.figures.scales import ROTATION
+
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.optimize import brentq
 
 import granphon as gp
-from granphon.figures.scales import ROTATION
 from granphon.figures.style import LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR
 
 POINTS = {"M": (1 / 2, 0), "K": (1 / 3, 1 / 3)}

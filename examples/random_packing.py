@@ -11,13 +11,14 @@ density of states, and the part of it that is rotation. It has none of the peaks
 import sys
 from pathlib import Path
 
+from granphon.figures.scales import FORCES
+
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
 
 import granphon as gp
-from granphon.figures.scales import FORCES
 from granphon.figures.spectra import plot_sample_dos
 from granphon.figures.style import STYLE
 

@@ -9,9 +9,13 @@ the residual of their equilibria. Eigenvectors are recorded as projectors on eac
 
 from __future__ import annotations
 
+import sys
+
+if __name__ == "__main__" and sys.path[0] == __file__.rpartition("/")[0]:
+    del sys.path[0]  # beside this file there are folders with names of modules, such as array
+
 import argparse
 import itertools
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path

@@ -181,12 +181,10 @@ def measure_tradeoff(
 
     For the balls and the loads of the scene it compares the averaged lattice, the averaged force, the effective medium, and
     simulations of several sizes, with arrays at rest without friction or, if a medium of the scene has friction_history,
-    with arrays loaded with friction. It also compares settings: the grid of the Green's function, the solution of the
-    effective medium, and the mesh of the density of states if the scene observes it. An error is that of the observed
-    quantities, against a reference from another algorithm. A time is the median of warm runs, measured by the worker:
-    --workers and --scheduler need an idle processor for each study. What does not fit into the budget is listed as not run.
-    The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams. If the command is cut off, the studies that
-    are finished are kept in the folder, and the same command continues from there.
+    with arrays loaded with friction. An error is that of the observed quantities, against an ensemble of such arrays that
+    another algorithm has checked. A time is the median of warm runs, measured by the worker: --workers and --scheduler need
+    an idle processor. What does not fit into the budget is listed as not run. The folder gets tradeoff.csv and tradeoff.png,
+    the work-precision diagram.
 
     \b
     Examples:

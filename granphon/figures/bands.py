@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import POLARISATION, ROTATION
+from granphon.figures.scales import POLARISATION, ROTATION, add_part_bar
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -27,7 +24,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
-from granphon.figures.zones import find_reciprocal, plot_zone, print_label
+from granphon.figures.zones import find_reciprocal, name_corners, plot_zone
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
@@ -80,24 +77,18 @@ def plot_bands(
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
-    for x in corners[1:-1]:
-        ax.axvline(float(x), color=FRAME, linewidth=0.5, zorder=0.5)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
     # where corners are close the two names at a jump of the path stand one above the other
     crowded = np.min(np.diff(corners), initial=np.inf) < _CROWDED * (corners[-1] - corners[0])
-    names = [print_label(label).replace("|", "\n" if crowded else "|") for label in bands.labels]
-    ax.set_xticks(corners, names, **slant)
-    ax.tick_params(axis="x", length=0)
-    ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})")
-    ax.set(xlim=corners[[0, -1]], ylim=(-0.02 * values.max(), 1.05 * values.max()))
+    name_corners(ax, corners, bands.labels, **slant)
+    if crowded:
+        ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max()))
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if colorbar:
-        figure: Any = ax.get_figure()
-        bar = figure.colorbar(ScalarMappable(scale, colours), ax=ax, location="top", aspect=40, pad=0.02)
-        bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
-        bar.set_label(f"{words} part of the kinetic energy")
+        add_part_bar(ax.get_figure(), ax, colours, f"{words} part of the kinetic energy")
     return ax
 
 
@@ -134,14 +125,12 @@ def plot_asymptotes(
     """
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
-        raise InputError(
-            message("the velocities are those of several loads", mend="Give the velocities at the load of the bands")
-        )
+        mend = "Give the velocities at the load of the bands"
+        raise InputError(message("the velocities are those of several loads", mend=mend))
     reciprocal = find_reciprocal(bands)
     if isinstance(velocities, SoundVelocities) and len(reciprocal) == 3:
-        raise InputError(
-            message("the velocities are those of one direction", "In space they depend on it", "Give Phonons.lattice")
-        )
+        what = "the velocities are those of one direction"
+        raise InputError(message(what, "In space they depend on it", "Give Phonons.lattice"))
     scales, label = bands.scales, "long waves"
     for s, near, far in ((s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))):
         start = bands.qpoints[s, near]
@@ -190,12 +179,8 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
     top, peak = _find_top(dos.total) * unit.hertz, float(dos.total.max()) * unit.hertz
     beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
     numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
-    ax.set(
-        **{
-            f"{along}label": f"Frequency ({name})" if numbered else "",
-            f"{across}label": f"DOS per ball{gap}(1/{name}){beyond}",
-        }
-    )
+    labels = f"Frequency ({name})" if numbered else "", f"DOS per ball{gap}(1/{name}){beyond}"
+    ax.set(**{f"{along}label": labels[0], f"{across}label": labels[1]})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * top)})
     axis = ax.xaxis if horizontal else ax.yaxis
     axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes

@@ -7,10 +7,8 @@ import warnings
 from io import BytesIO
 from pathlib import Path
 
-# before matplotlib, whose import this module guards
 import granphon.figures.scales  # noqa: F401
 
-# isort: split
 import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font

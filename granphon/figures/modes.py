@@ -9,12 +9,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.arguments import positive, real_array, whole_number
+from granphon.figures.scales import draw_alone, hide_axes
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import hide_axes
-
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.animation import FuncAnimation
@@ -25,11 +21,12 @@ from matplotlib.patches import Circle
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
+from granphon.base.arguments import positive, real_array, whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.spheres import draw_moved_spheres, draw_spheres
-from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, STYLE, VERMILION, print_hertz
+from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
 from granphon.figures.views import View
 
 if TYPE_CHECKING:
@@ -117,10 +114,7 @@ def plot_mode(
 
 def mode_figure(phonons: Phonons, q: ArrayLike, branch: int, **options: Any) -> Figure:
     """Draw a figure of one mode, one column wide; ``options`` are those of :func:`plot_mode`."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI, layout="constrained")
-        plot_mode(phonons, q, branch, figure.subplots(), **options)
-    return figure
+    return draw_alone(lambda ax: plot_mode(phonons, q, branch, ax, **options), COLUMN_WIDTH)
 
 
 def animate_mode(

@@ -73,7 +73,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
 def _show(figure: Figure) -> Figure:
     """Return a plain figure, as the functions make it, as a picture that shows itself, whether pyplot is loaded or not."""
-    from granphon.figures.pictures import Picture
+    from granphon.figures.scales import Picture
 
     figure.__class__ = Picture
     return figure

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import MOTION
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes

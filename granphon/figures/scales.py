@@ -1,4 +1,4 @@
-"""The guarded import of matplotlib, and the looks of figures that need it: scales of axes, and maps of colours.
+"""The guarded import of matplotlib, and what figures share that needs it: scales of axes, maps of colours, legends.
 
 Every module that draws imports this one before matplotlib. No backend of matplotlib and no pyplot is loaded. Raises
 :class:`~granphon.base.errors.FigureError` if matplotlib cannot be imported: it is not installed, or its settings cannot be
@@ -10,8 +10,9 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from logging.handlers import BufferingHandler
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import FigureError, InputError, message
-from granphon.base.scales import prefixed
-from granphon.figures.style import LONGITUDINAL_COLOUR, TRANSVERSE_COLOUR, shorten_error
+from granphon.base.scales import HertzPrefix, prefixed
+from granphon.figures.style import (
+    COLUMN_WIDTH,
+    DPI,
+    LONGITUDINAL_COLOUR,
+    STYLE,
+    TRANSVERSE_COLOUR,
+    print_hertz,
+    shorten_error,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
 
 @contextmanager
@@ -55,7 +65,9 @@ def _open_door() -> Iterator[None]:
 
 with _open_door():
     import matplotlib
-    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+    from matplotlib.figure import Figure
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
 
@@ -77,6 +89,12 @@ _LEAST, _LARGEST = 1e-150, 1e150
 _ROUNDING, _AROUND = 1e-9, 0.05
 #: units that take prefixes on an axis, where the largest value is not between these two numbers
 _PREFIXED, _SMALL, _LARGE = ("m", "N", "N/m", "Pa"), 1e-2, 1e5
+
+#: pixels of a screen for an inch of a figure in a notebook; the picture itself has the resolution of the figure
+_SCREEN = 120
+#: most letters that the labels of a legend have in so many columns, and height of one of its rows, in inches
+_COLUMNS = {3: 9, 2: 24}
+_ROW_HEIGHT = 0.16
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
@@ -129,6 +147,64 @@ def name_axis(ax: Axes, which: str, values: Array, label: str, unit: str) -> Non
         axis.set_major_formatter(lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$")
     else:
         axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
+
+
+class Picture(Figure):
+    """A figure with the PNG that a notebook asks for; with pyplot's inline backend loaded, that backend shows it instead."""
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        stream = BytesIO()
+        self.savefig(stream, format="png")
+        width, height = (round(_SCREEN * inches) for inches in self.get_size_inches().tolist())
+        return stream.getvalue(), {"width": width, "height": height}
+
+
+def draw_alone(plot: Callable[[Axes], Any], height: float) -> Figure:
+    """Return a figure of one panel, one column wide and ``height`` inches high, on which ``plot`` has drawn."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
+        plot(figure.subplots())
+    return figure
+
+
+def add_part_bar(figure: Any, axes: Any, colours: Colormap, label: str) -> None:
+    """Draw above axes the colour bar of a part, which goes from 0 to 1."""
+    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), colours), ax=axes, location="top", aspect=40, pad=0.02)
+    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+    bar.set_label(label)
+
+
+def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6) -> None:
+    """Draw densities of states per ball over the frequency, with their standard errors as bands.
+
+    ``curves`` are colours, labels, frequencies (n,), Hz, densities (n,), 1/Hz, and errors (n,), nan where there is none. The
+    axis ends a little above the highest frequency at which a density is above the part ``least`` of its greatest value.
+    """
+    drawn = list(curves)
+    top = max(float(f[np.flatnonzero(density > least * density.max())[-1]]) for _, _, f, density, _ in drawn)
+    unit = HertzPrefix.for_top(top)
+    for colour, label, f, density, error in drawn:
+        x, y, off = f / unit.hertz, density * unit.hertz, np.nan_to_num(error) * unit.hertz
+        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
+        ax.plot(x, y, color=colour, linewidth=0.9, label=label)
+    name = print_hertz(unit)
+    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
+    ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
+
+
+def add_legend(figure: Figure, handles: Sequence[Line2D], room: int = 0, title: str | None = None, **options: Any) -> None:
+    """Draw the legend of a figure below its panels, in as many columns as its labels allow.
+
+    The figure grows by the rows beyond those for which it has ``room``, so that a long legend does not take that of the
+    panels.
+    """
+    labels = [str(handle.get_label()) for handle in handles]
+    columns = next((count for count, letters in _COLUMNS.items() if max(map(len, labels)) <= letters), 1)
+    columns = min(columns, len(handles))
+    rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
+    more = max(0, rows - room) * _ROW_HEIGHT
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title, **options)
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:

@@ -9,14 +9,11 @@ from __future__ import annotations
 import re
 from typing import Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import POLARISATION, hide_axes
+from granphon.figures.scales import POLARISATION, add_part_bar, hide_axes
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -36,6 +33,8 @@ Array = NDArray[np.float64]
 #: s/km in s/m: slowness is drawn in s/km, which is ms/m
 _UNIT = 1e-3
 _LABEL = "s/km"
+#: what the colour bar says
+_PART = "Longitudinal part of the polarisation"
 #: number of directions in half a turn, of a cut and of a surface
 _CUT, _SURFACE = 180, 48
 #: the directions, Cartesian, that span the two cuts through a surface in space
@@ -58,9 +57,8 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
     """
     lattice, periods = state.packing.structure, state.packing.structure.periods
     if periods == 1:
-        raise InputError(
-            message(f"the lattice {lattice.name} has one period", "Its sound has one direction", "Use sound_velocities")
-        )
+        what = f"the lattice {lattice.name} has one period"
+        raise InputError(message(what, "Its sound has one direction", "Use sound_velocities"))
     if not state.is_single:
         raise InputError(message("the state has several loads", "A slowness surface is that of one load", "Use state[0]"))
     # a flexural wave is the last
@@ -131,7 +129,7 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], symmetric=True))
         axis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
     if colorbar:
-        _add_colorbar(ax.get_figure(), ax)
+        add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
     return ax
 
 
@@ -140,9 +138,8 @@ def _span(plane: ArrayLike) -> Array:
     try:
         first, second = (one_direction(way, 3) for way in np.asarray(plane, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise InputError(
-            message("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))")
-        ) from None
+        what = "plane is not two directions in space"
+        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
         raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
@@ -156,12 +153,6 @@ def _name_direction(way: Array) -> str:
     shown = np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
     terms = [f"{x:+g}{axis}" for x, axis in zip(shown, "xyz", strict=True) if x]
     return re.sub(r"(?<![\d.])1(?=[xyz])", "", "".join(terms)).removeprefix("+").replace("-", "−")
-
-
-def _add_colorbar(figure: Any, axes: Any) -> None:
-    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), POLARISATION), ax=axes, location="top", aspect=40, pad=0.02)
-    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
-    bar.set_label("Longitudinal part of the polarisation")
 
 
 def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = None, colorbar: bool = True) -> Axes:
@@ -227,17 +218,11 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
     unit = 10.0 ** np.floor(np.log10(longest))
     corner = np.array([low[0], low[1] - 0.08 * longest])
     ax.plot([corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit")
-    ax.annotate(
-        f"{unit:g} {_LABEL}",
-        (corner[0] + 0.5 * unit, corner[1]),
-        (0.0, -3.0),
-        textcoords="offset points",
-        ha="center",
-        va="top",
-    )
+    place = (corner[0] + 0.5 * unit, corner[1]), (0.0, -3.0)
+    ax.annotate(f"{unit:g} {_LABEL}", *place, textcoords="offset points", ha="center", va="top")
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
-        _add_colorbar(ax.get_figure(), ax)
+        add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
     return ax
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-# before matplotlib, whose import this module guards
-from granphon.figures.scales import SPECTRUM, scale_axis
+from granphon.figures.scales import SPECTRUM, draw_alone, draw_densities, scale_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,14 +20,13 @@ from granphon.figures.style import (
     COLOURS,
     COLUMN_WIDTH,
     DPI,
-    FRAME,
     ORANGE,
     PURPLE,
     STYLE,
     VERMILION,
     print_hertz,
 )
-from granphon.figures.zones import print_label
+from granphon.figures.zones import name_corners
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.spectral_functions import SpectralFunction
@@ -91,13 +87,8 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
             label="peak and width", markeredgecolor="black", markeredgewidth=0.3,
         )  # fmt: skip
         dots.set_clip_on(False)  # those at the ends of the path are drawn whole
-    for corner in corners[1:-1]:
-        ax.axvline(float(corner), color=FRAME, linewidth=0.5)
-    ax.set_xticks(corners, [print_label(label) for label in spectra.labels])
-    ax.tick_params(axis="x", length=0)
-    ax.set(
-        xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})", xlim=corners[[0, -1]], ylim=(0.0, top / unit.hertz)
-    )
+    name_corners(ax, corners, spectra.labels)
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     figure: Any = ax.get_figure()
     bar = figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(f"Spectral function, {one.polarisation} (1/{print_hertz(unit)})")
@@ -197,40 +188,21 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
 
 def lines_figure(spectrum: SpectralFunction) -> Figure:
     """Draw a figure, one column wide, of a spectral function at its wave vectors; see :func:`plot_lines`."""
-    return _draw_alone(partial(plot_lines, spectrum), 2.6)
+    return draw_alone(partial(plot_lines, spectrum), 2.6)
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
     """Draw the density of states of a network per ball: total with its standard error as a band, and its two parts."""
-    there = np.flatnonzero(dos.total > 1e-6 * dos.total.max())
-    unit = HertzPrefix.for_top(float(dos.frequencies[there[-1]]))
-    x = dos.frequencies / unit.hertz
-    curves = {"total": (dos.total, dos.error, "black")}
+    f = dos.frequencies
+    curves: list[tuple[Any, str, Array, Array, Array]] = [("black", "total", f, dos.total, dos.error)]
     if np.any(dos.rotational > 0.0):
-        curves |= {
-            "translation": (dos.translational, dos.translational_error, COLOURS[0]),
-            "rotation": (dos.rotational, dos.rotational_error, COLOURS[4]),
-        }
-    for name, (values, error, colour) in curves.items():
-        y, off = values * unit.hertz, np.nan_to_num(error) * unit.hertz
-        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
-        ax.plot(x, y, color=colour, linewidth=0.9, label=name)
-    ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"DOS per ball (1/{print_hertz(unit)})",
-        xlim=(0.0, 1.03 * float(x[there[-1]])), ylim=(0.0, None),
-    )  # fmt: skip
+        curves.append((COLOURS[0], "translation", f, dos.translational, dos.translational_error))
+        curves.append((COLOURS[4], "rotation", f, dos.rotational, dos.rotational_error))
+    draw_densities(ax, curves)
     ax.legend()
     return ax
 
 
 def sample_dos_figure(dos: SpectralDensity) -> Figure:
     """Draw a figure, one column wide, of the density of states of a network; see :func:`plot_sample_dos`."""
-    return _draw_alone(partial(plot_sample_dos, dos), 2.4)
-
-
-def _draw_alone(plot: Callable[[Axes], Axes], height: float) -> Figure:
-    """Draw a figure of one panel, one column wide and ``height`` inches high."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
-        plot(figure.subplots())
-    return figure
+    return draw_alone(partial(plot_sample_dos, dos), 2.4)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from granphon.figures.scales import hide_axes
+
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from granphon.figures.scales import hide_axes
 from granphon.figures.style import VERMILION
 from granphon.figures.views import Painter, View
 

@@ -58,10 +58,15 @@ def read_values(dataset: Dataset, name: str) -> Any:
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
         what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
-        raise FigureError(
-            message(what, f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}", "Draw another variable")
-        )
+        why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
+        raise FigureError(message(what, why, "Draw another variable"))
     return values
+
+
+def pick_evenly(count: int, most: int) -> list[int]:
+    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
+    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+    return chosen
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
@@ -112,6 +117,7 @@ def read_curve(
         served = tuple(map(str, take(dataset["choice"]).tolist()))
     horizontal = take(across).astype(float)
     simulated = [one.partition("(")[0] == DirectSimulation.name for one in served] or is_simulated(dataset, index)
+    simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
     return Curve(
         run, facts or {}, horizontal, take(along).astype(float), take(error).astype(float), take(dataset["valid"]),

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-# before matplotlib, whose import this module guards
 import granphon.figures.scales  # noqa: F401
 
-# isort: split
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes

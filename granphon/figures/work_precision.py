@@ -11,10 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis, widen_axis
 
-# isort: split
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -68,18 +66,9 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         if drawn:
             x, y = [p.seconds for p in drawn], [p.error for p in drawn]
             spread = [_limit_bar(p) for p in drawn]
-            line = ax.errorbar(
-                x,
-                y,
-                [min(p.stderr, 0.9 * p.error) for p in drawn],
-                spread,
-                color=colour,
-                marker=marker,
-                ms=_MARKER,
-                lw=0.9,
-                elinewidth=0.6,
-                label=label,
-            )
+            bars = [min(p.stderr, 0.9 * p.error) for p in drawn]
+            style: dict[str, Any] = {"color": colour, "marker": marker, "ms": _MARKER, "lw": 0.9, "elinewidth": 0.6}
+            line = ax.errorbar(x, y, bars, spread, label=label, **style)
             line[0].set_zorder(2.5)
             label = "_"
         if rest:
@@ -160,8 +149,7 @@ def tradeoff_figure(result: TradeOff) -> Figure:
 
     A study of which nothing can be measured, as of a lattice that its reference does not know, has no diagram.
     """
-    measurable = [study for study in result.studies if any(point.measurable for point in result.of(study))]
-    studies = measurable or result.studies
+    studies = result.studies
     columns = min(_COLUMNS, len(studies))
     rows = -(-len(studies) // columns)
     with matplotlib.rc_context(STYLE):

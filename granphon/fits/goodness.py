@@ -133,11 +133,9 @@ class Goodness:
         above = (excess > _MODEL_ERROR) & (chances < _LEAST_CHANCE / len(excess))
         if not np.any(above):
             return []
-        most = int(np.argmax(excess))
-        count = np.count_nonzero(above)
-        where = (
-            f"{count} of {len(above)} data {'is' if count == 1 else 'are'} above the velocity of equal balls at that load"
-        )
+        most, count = int(np.argmax(excess)), np.count_nonzero(above)
+        verb = "is" if count == 1 else "are"
+        where = f"{count} of {len(above)} data {verb} above the velocity of equal balls at that load"
         by = f"by up to {100.0 * excess[most]:.2g} % ({self._describe(most).rstrip(',')})"
         why = "a spread only slows sound, so that what is fitted is not a width"
         return [f"{where}, {by}: {why}. Check the Young modulus, diameter and density, or fit young_modulus as well"]

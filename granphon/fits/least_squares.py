@@ -38,6 +38,8 @@ _SAME_EFFECT = 1e-6
 _MOST_SIMULATED = 12
 #: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that counts as none
 _NO_EFFECT = 1e-9
+#: what to do where the data do not determine the parameters
+_MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
 
     For a simulation, the search starts from those of the effective medium.
     """
-    if problem.model.choice.simulates:
+    if problem.model.is_sampled:
         start = find_best(problem.in_medium("ema"))[1]
         return _settle(replace(problem, model=problem.model.settle_geometry(start)), start)
     found = (_descend(problem, start) for start in _find_starts(problem))
@@ -213,18 +215,14 @@ def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: 
     norms = np.linalg.norm(matrix, axis=0)
     left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
     same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
-    never = same and len(problem.model.names) == len(VARIABLE)  # no data can tell all three apart
+    every = len(problem.model.names) == len(VARIABLE)  # no data can tell all three apart
     # if the others were known, the standard error of a parameter would be 1/norm
     where = problem.model.width_index
     vanishing = where is not None and logs[where] < math.log(problem.widths[0])
-    if not never and (np.any(norms < 1.0) or vanishing):
+    if not (same and every) and (np.any(norms < 1.0) or vanishing):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
     if same:
-        why = (
-            "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
-            if len(problem.model.names) == len(VARIABLE)
-            else ""
-        )
+        why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(message(f"the data cannot tell {' and '.join(problem.model.names)} apart", why, mend))
     root = (right / singular[:, None]).T / norms[:, None]
@@ -238,7 +236,7 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     if where is None:
         what = f"the data do not determine {' and '.join(model.names)}"
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
-        return InputError(message(what, why, "Measure more precisely, over a wider range of force, or fit fewer parameters"))
+        return InputError(message(what, why, _MEASURE))
     width, error = float(np.exp(logs[where])), float(errors[where])
     ideal = model.equal_balls(logs)[0]
     excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
@@ -249,16 +247,12 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
                 what = f"the velocities are on average {100.0 * excess:.2g} % above those of pulses of equal balls"
                 why = f"They are not above those of long waves. {model.equal_balls.describe_nearest_to_top(logs)}"
                 return InputError(message(what, why, "Check the frequency; leave it out for long waves"))
-        return InputError(
-            message(
-                f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls",
-                "A spread of diameters slows sound, so that no width fits",
-                "Check the Young modulus, diameter and density, or fit young_modulus as well",
-            )
-        )
+        what = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
+        mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
+        return InputError(message(what, "A spread of diameters slows sound, so that no width fits", mend))
     if model.names[worst] != "width" and errors[worst] > 1.0:
         what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
-        return InputError(message(what, mend="Measure more precisely, over a wider range of force, or fit fewer parameters"))
+        return InputError(message(what, mend=_MEASURE))
     if error > 1.0 or width < problem.widths[0]:
         best = f": the best is {_write_length(width)}, its standard error {_write_length(error * width)}"
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")

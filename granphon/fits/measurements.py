@@ -47,11 +47,8 @@ def _require_headed(table: Table, names: Mapping[str, str], quantities: Mapping[
     bare = [kind for kind, name in names.items() if kind not in missing and not table.unit(name)]
     if not missing + bare:
         return
-    lacks = []
-    if missing:
-        lacks.append("no column named " + " and none named ".join(repr(names[kind]) for kind in missing))
-    if bare:
-        lacks.append("no unit for " + " and ".join(repr(names[kind]) for kind in bare))
+    lacks = ["no column named " + " and none named ".join(repr(names[kind]) for kind in missing)] * bool(missing)
+    lacks += ["no unit for " + " and ".join(repr(names[kind]) for kind in bare)] * bool(bare)
     units = {kind: quantities[kind].unit for kind in names}
     heads = " and ".join(f"'{kind} ({unit})'" for kind, unit in units.items())
     kind, unit = next((kind, units[kind]) for kind in names if kind in missing + bare)
@@ -109,9 +106,8 @@ class Measurements(Result):
         n = counts["force"]
         if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
             found = ", ".join(f"{count} of {name}" for name, count in counts.items())
-            raise InputError(
-                message(f"found {found}", mend="Give the same number of each; sigma and frequency may be one number")
-            )
+            mend = "Give the same number of each; sigma and frequency may be one number"
+            raise InputError(message(f"found {found}", mend=mend))
         super().__post_init__()
 
     @classmethod
@@ -168,9 +164,8 @@ class Measurements(Result):
             raise InputError(message(f"{path} gives side forces", why, mend))
         if load == "pressure" and pressed is None:
             why = "The contact forces depend on the packing too"
-            raise InputError(
-                message(f"{path} gives pressures", why, "Give pressed, a function that returns the contact forces")
-            )
+            mend = "Give pressed, a function that returns the contact forces"
+            raise InputError(message(f"{path} gives pressures", why, mend))
         timed, error, pulsed = choose("velocity", "time") == "time", choose("sigma", "time_sigma"), choose("frequency")
         needed = ["time", *["distance"] * (distance is None)] if timed else ["velocity"]
         if error == "time_sigma" and not timed:

@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
+from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
+from granphon.media.candidates import expected_error, list_candidates, require_known, require_within, rough_time
 from granphon.media.cluster import ClusterMedium
 from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
-from granphon.media.ladder import expected_error, list_rungs, require_known, require_within
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import MediumBase, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
-from granphon.media.sizes_and_times import MOMENT, rough_time, solving_time
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ class AutoMedium(MediumBase[ContactState]):
     the default start; what the directions of the lattice leave out at the W/d of the packing is added. A simulation has one
     sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube of 96 diameters in
     fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate enough at all of
-    these loads; :meth:`rungs` chooses for each load.
+    these loads; :meth:`choose` chooses for each load.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class AutoMedium(MediumBase[ContactState]):
     Raises
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction coefficient, or the reverse.
-        From ``at_*`` and :meth:`rungs`: a load at which no medium is within the tolerance (the message gives the smallest
+        From ``at_*`` and :meth:`choose`: a load at which no medium is within the tolerance (the message gives the smallest
         error available); a load below those for which errors are known; a packing for which errors are not known, as on
         another lattice than these (on a line every medium is exact), with torsion or bending, or with too skewed a
         distribution; with a history on another lattice than the triangular one and fcc, for partial slip in fcc, for
@@ -86,7 +86,7 @@ class AutoMedium(MediumBase[ContactState]):
         given = {name: getattr(self, name) for name in REFERENCE_OPTIONS}
         return require("AutoMedium", FrictionHistory.read, given)  # type: ignore[no-any-return]
 
-    def rungs(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
+    def choose(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
 
         Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first.
@@ -96,7 +96,7 @@ class AutoMedium(MediumBase[ContactState]):
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            ServingMedium(option, place, self.packing, load[place], chosen=True, truth=self.truth)
+            ServingMedium(option, place, self.packing, load[place], chosen_automatically=True, truth=self.truth)
             for option, place in zip(options, places, strict=True)
             if place.size
         ]
@@ -128,7 +128,7 @@ class AutoMedium(MediumBase[ContactState]):
             raise no_finite_overlap(self.name)
         load = load.applied
         serving = self.serving(load.kind, load.array).of(self.packing)
-        return replace(serving.at(load, finite_overlap=finite_overlap), chosen=True)
+        return replace(serving.at(load, finite_overlap=finite_overlap), chosen_automatically=True)
 
 
 _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
@@ -213,7 +213,7 @@ class MediumChoice:
     def expected_error(self, packing: Packing, load: Load, against: FrictionHistory = REST) -> Array:
         """Return the expected relative error of velocities and frequencies, with the shape of the load.
 
-        It is +inf where the error is not known; see :func:`~granphon.media.ladder.expected_error`.
+        It is +inf where the error is not known; see :func:`~granphon.media.candidates.expected_error`.
         """
         return expected_error(self.name, dict(self.options), packing, load, against)
 
@@ -251,23 +251,29 @@ class MediumChoice:
         return next((one for one, _ in found if one.is_exact), found[0][0])
 
     @property
-    def is_automatic(self) -> bool:
-        """Whether it is an :class:`AutoMedium`, which leaves the choice to the load."""
-        return self.name == AutoMedium.name
+    def stand_in(self) -> MediumChoice:
+        """The medium that stands in for it where so many states are needed that its own would take long; itself if quick."""
+        return MediumChoice(EffectiveMedium.name) if self.simulates else self
+
+    def require_fixed(self, what: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which ``what`` cannot be done."""
+        if self.name == AutoMedium.name:
+            why = "It chooses another medium at each load and width"
+            raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
 
     def of(self, packing: Packing) -> _AnyMedium:
         """Return the medium for this packing."""
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
 
-    def rungs(self, packing: Packing, load: Load) -> list[ServingMedium]:
+    def choose(self, packing: Packing, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
         """
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
-            return medium.rungs(load.kind, load.array)
+            return medium.choose(load.kind, load.array)
         return [ServingMedium(self, np.arange(load.size), packing, load)]
 
 
@@ -281,7 +287,7 @@ class ServingMedium:
     loads : (n,) indices of the loads that it serves.
     packing : the balls.
     load : these loads, with their values in SI.
-    chosen : whether an :class:`AutoMedium` chose the medium for its expected error.
+    chosen_automatically : whether an :class:`AutoMedium` chose the medium for its expected error.
     truth : simulated arrays that the error is relative to.
     is_part : whether the same medium serves other loads in another geometry.
     """
@@ -290,18 +296,14 @@ class ServingMedium:
     loads: NDArray[np.intp]
     packing: Packing
     load: Load
-    chosen: bool = False
+    chosen_automatically: bool = False
     truth: FrictionHistory = REST
     is_part: bool = False
 
     @property
     def is_quick(self) -> bool:
         """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective medium of long lists."""
-        if self.medium.name == EffectiveMedium.name:
-            return solving_time(self.packing) < MOMENT
-        if self.medium.name == ClusterMedium.name:
-            return not self.packing.width
-        return not self.medium.simulates
+        return self.medium.of(self.packing).is_quick
 
     @property
     def arrays(self) -> tuple[DirectSimulation, ...]:
@@ -321,10 +323,10 @@ class ServingMedium:
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
         state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
-        return replace(state, chosen=True) if self.chosen else state
+        return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
-        """Return a rung for each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
+        """Return the medium in each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
         found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(found) == 1:
             return [replace(self, medium=found[0][0])]
@@ -344,7 +346,7 @@ class ServingMedium:
 
 def _list_options(packing: Packing, against: FrictionHistory) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
-    return [MediumChoice(name, tuple(options.items())) for name, options in list_rungs(packing, against)]
+    return [MediumChoice(name, tuple(options.items())) for name, options in list_candidates(packing, against)]
 
 
 def _sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) -> list[MediumChoice]:
@@ -376,7 +378,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     It has none in the directions of the lattice, which an automatic medium may choose.
     """
     for one in media:
-        if one.is_automatic or one.settings.get("geometry") == LATTICE:
+        if one.name == AutoMedium.name or one.settings.get("geometry") == LATTICE:
             raise no_finite_overlap(one.label)
 
 

@@ -26,12 +26,11 @@ from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
 from granphon.media.loading import LoadedSample, press_all, require_above
 from granphon.media.medium import MediumBase
 from granphon.media.sampled_balls import SampledBalls
-from granphon.media.sampled_waves import SampledWaves
+from granphon.media.sampled_state import SampledState, exponent_error, mean_exponent
 from granphon.media.state import read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -120,7 +119,7 @@ class SampleLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedState(SampledWaves):
+class SimulatedState(SampledState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
@@ -131,7 +130,7 @@ class SimulatedState(SampledWaves):
     Attributes
     ----------
     samples : the samples at each load, in C order of the loads; the index of the sample runs fastest.
-    spaced : True if all samples have the same overlap, False if they have the same force.
+    fixed_overlap : True if all samples have the same overlap, False if they have the same force.
 
     ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise it is False: the linear
     response of the samples is that of the paper's limit, and so are the pressure and the density that go with it;
@@ -140,7 +139,7 @@ class SimulatedState(SampledWaves):
 
     law: HertzLaw | SampleLaw = field(repr=False)
     samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
-    spaced: bool = False
+    fixed_overlap: bool = False
 
     @classmethod
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
@@ -150,15 +149,15 @@ class SimulatedState(SampledWaves):
         """
         rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*load.shape, -1, 3)
         forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
-        spaced = load.kind == "overlap"
+        fixed_overlap = load.kind == "overlap"
         # samples with the same overlap act in parallel: average stiffnesses; with the same force in series: compliances
-        k = np.mean(stiffnesses, axis=-1) if spaced else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        k = np.mean(stiffnesses, axis=-1) if fixed_overlap else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
         f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
-        delta = load.array if spaced else np.mean(overlaps, axis=-1)
+        delta = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], samples=tuple(samples),
-            spaced=spaced, finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
+            fixed_overlap=fixed_overlap, finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -204,7 +203,7 @@ class SimulatedState(SampledWaves):
     def valid(self) -> Any:
         """Whether the directions of the lattice leave out at most 1 % of the shear modulus (:attr:`shear_deficit`)."""
         deficit = self.shear_deficit
-        return self._fill_shape(True) if self.chosen or deficit is None else (deficit <= LEFT_OUT_LIMIT)
+        return self._fill_shape(True) if self.chosen_automatically or deficit is None else (deficit <= LEFT_OUT_LIMIT)
 
     @property
     def pressure(self) -> Any:
@@ -224,7 +223,7 @@ class SimulatedState(SampledWaves):
         At a given force or pressure it is that of the overlap, at a given overlap that of the force. The dictionary is empty
         if there is only one sample.
         """
-        name = "force" if self.spaced else "overlap"
+        name = "force" if self.fixed_overlap else "overlap"
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
 
     @property
@@ -258,8 +257,8 @@ class SimulatedState(SampledWaves):
 
     @property
     def _exponent_terms(self) -> Iterator[Array]:
-        """What :func:`~granphon.media.exponents.mean_exponent` takes of each sample: its force only if these have others."""
-        names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.spaced else ()))
+        """What :func:`mean_exponent` takes of each sample: its force only if these have others."""
+        names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.fixed_overlap else ()))
         return (self.over_samples(attrgetter(name)) for name in names)
 
     @property
@@ -326,6 +325,11 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     """
 
     name = "simulation"
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s: arrays may not."""
+        return False
 
     @property
     def arrays(self) -> tuple[Self, ...]:

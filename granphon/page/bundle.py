@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from html import escape
 from importlib.resources import files
 from typing import Any
 
@@ -66,7 +67,7 @@ def _swap(names: str) -> str:
 def fill_template(data: dict[str, Any], title: str) -> str:
     """Return the page, with all that it needs inside: libraries, program, and ``data`` as JSON."""
     parts = {
-        "title": _escape_text(title),
+        "title": escape(title, quote=False),
         "style": read_asset("style.css"),
         "licences": "\n\n".join(read_asset(f"vendor/{name}.LICENSE").strip() for name in ("plotly", "three")),
         "plotly": read_asset("vendor/plotly-basic.min.js"),
@@ -76,7 +77,3 @@ def fill_template(data: dict[str, Any], title: str) -> str:
         "program": join_modules("main"),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], read_asset("template.html"))
-
-
-def _escape_text(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;")

@@ -12,7 +12,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import Row, push_rows
+from granphon.dynamics.rows import push_rows
 from granphon.phonons.paths import BandPath
 from granphon.phonons.zones import zone_faces, zone_polygon
 
@@ -28,10 +28,9 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     then called: its free branches, and the mechanism that it is.
     """
     structure = packing.structure
-    whole = _make_lattice(structure, 1.0, 1.0, 1.0, ALL)
+    whole = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
     table, p = whole.contacts, structure.periods
     reciprocal = whole.reciprocal
-    pushes = push_rows(table.normal, ALL)
     return {
         "name": structure.name,
         "periods": p,
@@ -45,19 +44,14 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
             "vector": _pad(table.vector).tolist(),
         },
         "gyration": float(whole.gyration[0]),
-        "rows": [_write_row(row) for row in (*whole.rows, *pushes)],
+        "rows": [
+            {"kind": row.kind, "head": row.head.tolist(), "tail": row.tail.tolist()}
+            for row in (*whole.rows, *push_rows(table.normal, ALL))
+        ],
         "motions": [_describe_motions(structure, motions) for motions in allowed_motions(structure.dimension).values()],
         "path": _describe_path(path),
         "zone": _find_outline(reciprocal),
     }  # fmt: skip
-
-
-def _make_lattice(structure: Lattice, eta: float, torsion: float, bending: float, motions: Motions) -> ContactLattice:
-    return ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
-
-
-def _write_row(row: Row) -> dict[str, Any]:
-    return {"kind": row.kind, "head": row.head.tolist(), "tail": row.tail.tolist()}
 
 
 def _pad(vectors: Array) -> Array:
@@ -70,7 +64,7 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
     statements = {}
     for kinds in itertools.product((False, True), repeat=3):
         eta, torsion, bending = map(float, kinds)
-        lattice = _make_lattice(structure, eta, torsion, bending, motions)
+        lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
         statements["".join(str(int(one)) for one in kinds)] = {
             "rotate": select_motions(eta, torsion, bending, motions).rotate,
             "free": lattice.free_branches,

@@ -89,11 +89,8 @@ def tabulate_medium(
     try:
         if name == "simulation":
             curve, low, high, error = _simulate(packing, choice, least_force)
-            return (
-                found
-                | _tabulate([curve], [0.0], low, high)
-                | {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
-            )
+            apart = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
+            return found | _tabulate([curve], [0.0], low, high) | apart
         roots, note = _choose_friction(packing, choice, most_friction)
         laws = [_make_law(packing, choice, root**2) for root in roots]
     except MechanismError as error:
@@ -125,15 +122,12 @@ def _choose_friction(packing: Packing, choice: MediumChoice, most: float) -> tup
         return [eta**0.5], f"The stiffness of the contacts is that of the medium at the scene's friction, η = {eta:.4g}."
     if choice.name == "afa":
         return [0.0], ""
-    if dict(choice.options).get("local_field") == "paper":
-        least = 0.0
-    else:
-        try:
-            least = 0.0
-            _find_xi(packing, choice, least)
-        except MechanismError:
-            least = _LEAST_FRICTION**0.5
-            _find_xi(packing, choice, least**2)
+    least = 0.0
+    try:
+        _find_xi(packing, choice, least)
+    except MechanismError:
+        least = _LEAST_FRICTION**0.5
+        _find_xi(packing, choice, least**2)
     count = _FRICTION_NODES[packing.structure.periods]
     nodes = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
     roots = least + (most**0.5 - least) * nodes
@@ -223,16 +217,16 @@ def _tabulate(
     curves: list[_Curve], roots: list[float], low: float, high: float, checks: list[tuple[float, _Curve]] | None = None
 ) -> dict[str, Any]:
     """Return "table" and the errors; ``checks`` are further curves, with their roots of eta, by which the error is found."""
+    from scipy.interpolate import barycentric_interpolate
+
     x, values, error = _place_nodes(curves, low, high)
     table = {
         "log_force": x.tolist(), "roots": roots,
         **{name: [one[n].tolist() for one in values] for n, name in enumerate(("overlap", "log_stiffness", "slope"))},
     }  # fmt: skip
-    beside = 0.0
+    beside, found = 0.0, np.array([one[1] for one in values])
     for root, curve in checks or []:
-        weights = _interpolate(np.array(roots), root)
-        guess = sum(weight * one[1] for weight, one in zip(weights, values, strict=True))
-        beside = max(beside, float(np.max(np.abs(np.expm1(guess - curve(x)[1])))))
+        beside = max(beside, float(np.max(np.abs(np.expm1(barycentric_interpolate(roots, found, root) - curve(x)[1])))))
     return {"table": table, "error": error, "friction_error": error + beside}
 
 
@@ -254,11 +248,6 @@ def _place_nodes(curves: list[_Curve], low: float, high: float) -> tuple[Array, 
         if not np.any(worse) or len(x) + np.count_nonzero(worse) > _MOST_NODES:
             return x, values, float(np.max(error))
         x = np.sort(np.concatenate([x, middle[worse]]))
-
-
-def _interpolate(nodes: Array, at: float) -> Array:
-    """Return the weights of the values at nodes in the value at another place, of the polynomial through all."""
-    return np.array([np.prod((at - np.delete(nodes, k)) / (nodes[k] - np.delete(nodes, k))) for k in range(len(nodes))])
 
 
 def _find_first_load(medium: Any, low: float, units: WidthUnits) -> float:

@@ -132,7 +132,7 @@ def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append("dos.csv")
     if {"bands", "dos"} & set(scene.observe):
         drawn.append(figure_name("bands" in scene.observe))
-    for arrays in plan.rung.arrays:
+    for arrays in plan.serving.arrays:
         names.append("sample.extxyz")
         names += SAMPLE_TABLES if arrays.friction_history else ()
         drawn.append("forces.png")

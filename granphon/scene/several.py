@@ -141,7 +141,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
         path = path.with_name("sweep.nc")  # whose numbers it tells
     have = {_name_kind(path): path} if path.is_file() else find_results(path)
     if "fit.yaml" in have:
-        return Run(name, fit=read_fit(have["fit.yaml"]))
+        return Run.of(name, read_fit(have["fit.yaml"]))
     dataset = bands = dos = None
     if "sweep.nc" in have:
         from granphon.sweeps.archive import load_sweep

@@ -90,18 +90,21 @@ class Work:
         """The jobs; an error names the case, and the load if it is known."""
         case = self.case
         try:
-            rungs = [one for rung in case.rungs for one in rung.by_geometry(case.finite_overlap)]
+            serving_media = [one for serving in case.serving_media for one in serving.by_geometry(case.finite_overlap)]
         except InputError as error:
             at = error.load_index
             periods = case.packing.structure.periods
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
-        wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
+        wheres = [
+            f"{case.label}: {serving.medium.label}" if serving.chosen_automatically else case.label
+            for serving in serving_media
+        ]
         # lattices have no waves of their own here, and their exponents cost nothing
         ideal = replace(self.asked, waves=None, exponents=True)
         return [
-            _ArrayJob(where, rung, self.asked) if rung.arrays else Job(where, rung, ideal)
-            for where, rung in zip(wheres, rungs, strict=True)
+            _ArrayJob(where, serving, self.asked) if serving.arrays else Job(where, serving, ideal)
+            for where, serving in zip(wheres, serving_media, strict=True)
         ]
 
     @cached_property
@@ -116,13 +119,13 @@ class Work:
             found.append(job.join(list(islice(left, len(job.pieces)))))
         if len(found) == 1:
             return found[0]
-        marks, found = mark_as(found, [job.rung.loads for job in self.jobs]), [strip(part) for part in found]
-        order = np.argsort(np.concatenate([job.rung.loads for job in self.jobs]))
+        marks, found = mark_as(found, [job.serving.loads for job in self.jobs]), [strip(part) for part in found]
+        order = np.argsort(np.concatenate([job.serving.loads for job in self.jobs]))
         out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
         named = {name: value for part in found for name, value in part.items() if name != "warnings"}
         for name, value in named.items():
             # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
-            if all(name in part for part in found) or not self.jobs[0].rung.chosen:
+            if all(name in part for part in found) or not self.jobs[0].serving.chosen_automatically:
                 rows = [
                     part[name] if name in part else np.full((job.load.size, *value.shape[1:]), np.nan)
                     for part, job in zip(found, self.jobs, strict=True)
@@ -140,19 +143,19 @@ class Work:
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the :attr:`pieces` kept."""
-        (rung,) = self.case.rungs
-        (medium,) = rung.arrays
-        alone = (one for piece in self.pieces for one in piece.rung.arrays)
+        (serving,) = self.case.serving_media
+        (medium,) = serving.arrays
+        alone = (one for piece in self.pieces for one in piece.serving.arrays)
         samples = [restore_sample(one, part) for one, part in zip(alone, parts, strict=True)]
-        state = SimulatedState.of(medium, samples, rung.load.applied[0])
-        return replace(state, chosen=True) if rung.chosen else state
+        state = SimulatedState.of(medium, samples, serving.load.applied[0])
+        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
 
     def choices(self) -> TaskResult:
         """Return the medium that serves each load, and its expected error, +inf where that is not known."""
         load = self.case.load
         choice, error = np.empty(load.size, object), np.empty(load.size)
-        for rung in self.case.rungs:
-            choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
+        for serving in self.case.serving_media:
+            choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
         return {"choice": choice.astype(str), "expected_error": error}
 
 
@@ -161,29 +164,29 @@ class Job:
     """One medium on one packing at all loads that it serves; ``where`` names the job in messages."""
 
     where: str
-    rung: ServingMedium
+    serving: ServingMedium
     asked: Asked
 
     @property
     def load(self) -> Load:
         """The loads of the job."""
-        return self.rung.load
+        return self.serving.load
 
     @cached_property
     def name(self) -> str:
         """Name of the result: the medium, and a digest of everything that determines the numbers."""
-        rung = self.rung
+        serving = self.serving
         data = {
-            "packing": rung.packing, "medium": rung.medium, "load": rung.load, "asked": vars(self.asked),
-            "chosen": rung.chosen, "schema": SWEEP_SCHEMA, "versions": packages(),
+            "packing": serving.packing, "medium": serving.medium, "load": serving.load, "asked": vars(self.asked),
+            "chosen": serving.chosen_automatically, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
-        return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
+        return f"{serving.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
     def kind(self) -> str:
         """Medium, size of an array and number of loads, on which the time depends most."""
-        rung = self.rung
-        return f"{rung.medium.name} {rung.medium.settings.get('shape', '')} {len(rung.loads)}"
+        serving = self.serving
+        return f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
 
     @property
     def memory(self) -> float:
@@ -192,7 +195,7 @@ class Job:
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the job."""
-        return self.rung.at(load, finite_overlap=self.asked.finite_overlap or None)
+        return self.serving.at(load, finite_overlap=self.asked.finite_overlap or None)
 
     @property
     def pieces(self) -> list[Job]:
@@ -226,7 +229,9 @@ class Job:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
         state, asked = analysis.state, self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
-        notes: list[Tally | str] = [one for one in analysis.validity.tallies if one.failing or self.rung.chosen]
+        notes: list[Tally | str] = [
+            one for one in analysis.validity.tallies if one.failing or self.serving.chosen_automatically
+        ]
         out = find_all(analysis, ("state",), swept=True)
         try:
             out |= find_all(analysis, ("velocities",), swept=True)
@@ -329,8 +334,8 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
             break
     if at is None:
         return _name_task(job.where, error)
-    located = _name_load(job.where, job.load, at, first, job.rung.packing.structure.periods)
-    located.load_index = int(job.rung.loads[at])
+    located = _name_load(job.where, job.load, at, first, job.serving.packing.structure.periods)
+    located.load_index = int(job.serving.loads[at])
     return located
 
 
@@ -370,7 +375,7 @@ class _ArrayJob(Job):
     @property
     def simulation(self) -> DirectSimulation:
         """The simulation of the packing."""
-        (found,) = self.rung.arrays
+        (found,) = self.serving.arrays
         return found
 
     @property
@@ -381,7 +386,7 @@ class _ArrayJob(Job):
     @property
     def pieces(self) -> list[Job]:
         """Jobs that can run side by side: one for each sample."""
-        alone = self.rung.samples
+        alone = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(alone) > 1) for one in alone]
         asked = replace(self.asked, qpoints=None, direction=None)  # neither is asked for of a sample
         return [_SampleJob(self.where + end, one, asked) for end, one in zip(ends, alone, strict=True)]
@@ -393,7 +398,7 @@ class _ArrayJob(Job):
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
         out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
         if self.asked.waves is not None:
-            out = _add_waves(out, load, records, self.asked.waves, self.rung.packing, not self.rung.is_part)
+            out = _add_waves(out, load, records, self.asked.waves, self.serving.packing, not self.serving.is_part)
         return spread(out, places, size) | mark_as(parts, [np.arange(size)] * len(parts))
 
 

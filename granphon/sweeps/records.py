@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
 from granphon.base.results import Result
-from granphon.media.sample_means import HISTORY_UNITS
+from granphon.media.sampled_state import HISTORY_UNITS
 from granphon.media.simulation import SimulatedState
 from granphon.sweeps.store import TaskResult
 from granphon.waves.settings import WaveSettings

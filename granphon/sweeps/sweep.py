@@ -337,7 +337,7 @@ def _require_waves(case: Case, wanted: WaveSettings) -> None:
     from granphon.sweeps.wave_checks import require_waves  # imported here: a sweep without waves does not need it
 
     try:
-        require_waves(case.rungs, wanted)
+        require_waves(case.serving_media, wanted)
     except GranphonError as error:
         raise type(error)(f"{case.label}: {error}") from None
 

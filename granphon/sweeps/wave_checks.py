@@ -15,15 +15,15 @@ from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.networks.network import ContactNetwork
-from granphon.waves.kernel import Kernel
+from granphon.waves.chebyshev import Kernel
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.plane_waves import find_polarisations
-from granphon.waves.sending import MARGIN, PulseSource, require_sendable
+from granphon.waves.pulse_source import MARGIN, PulseSource, require_sendable
 from granphon.waves.settings import SpectrumSettings, WaveSettings
 
 
-def require_waves(rungs: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
+def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
     """Raise if what is ``wanted`` cannot be found in the arrays of a case, at any of its loads.
 
     Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force, which takes no simulation:
@@ -32,7 +32,7 @@ def require_waves(rungs: Sequence[ServingMedium], wanted: WaveSettings, most: fl
     """
     if wanted.spectrum is None and wanted.pulse is None:
         return
-    for medium, load in ((one, rung.load) for rung in rungs for one in rung.arrays if one.balls <= most):
+    for medium, load in ((one, serving.load) for serving in serving_media for one in serving.arrays if one.balls <= most):
         errors = list[GranphonError]()
         forces = find_typical_force(medium.packing, load)
         ends = list(dict.fromkeys((float(np.min(forces)), float(np.max(forces)))))

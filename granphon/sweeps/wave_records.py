@@ -20,11 +20,11 @@ from granphon.array.sample import Sample, standard_error
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.media.loaded_lattice import ideal_lattice
-from granphon.waves.lines import find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.path_spectra import find_path_points
+from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse
-from granphon.waves.sending import PulseSource, transmit
 from granphon.waves.settings import PulseSettings, WaveSettings
+from granphon.waves.spectral_functions import find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.waves import Waves
 
 Array = NDArray[Any]

@@ -107,7 +107,7 @@ class Moments:
         moduli = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1]
         k = state.over_samples(lambda sample: sample.normal_stiffness)
         # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
-        rows = np.stack([*moduli, k if state.spaced else 1.0 / k], axis=-1)
+        rows = np.stack([*moduli, k if state.fixed_overlap else 1.0 / k], axis=-1)
         self._moduli.extend(np.moveaxis(rows, 1, 0))
         self._densities = np.asarray(state.effective_density)
         self._overlaps.extend(state.over_samples(lambda sample: sample.overlap).T)

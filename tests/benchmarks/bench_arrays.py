@@ -10,17 +10,13 @@ from __future__ import annotations
 
 import json
 import math
-import resource
-import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator, cg
-from side_by_side import Part, Row, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, run_alone, spend
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
@@ -120,18 +116,13 @@ def growth(repeats: int) -> list[Row]:
 
 def alone(side: int) -> None:
     """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its beginning."""
-    start = time.perf_counter()
-    state = rest(side, 1.0)
-    seconds = time.perf_counter() - start
-    gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(json.dumps({"s": seconds, "GiB": gib, "newton": state.newton, "conjugate": state.conjugate}))
+    state, spent = spend(lambda: rest(side, 1.0))
+    print(json.dumps({**spent, "newton": state.newton, "conjugate": state.conjugate}))
 
 
 def million(repeats: int) -> list[Row]:
     """One million balls, once."""
-    command = [sys.executable, "-c", "import bench_arrays; bench_arrays.alone(100)"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
-    seen = json.loads(done.stdout)
+    seen = run_alone("bench_arrays.alone(100)")
     took = f"{seen['newton']} steps, {seen['conjugate']} iterations"
     return [
         Row("fcc, 100^3, a* = 1: time of the first sample", seen["s"], "s", 90.0, note=took),

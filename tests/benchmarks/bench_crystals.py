@@ -8,18 +8,14 @@ The exit code is 1 if a bound is missed. The documentation quotes a run.
 from __future__ import annotations
 
 import json
-import resource
-import subprocess
 import sys
-import time
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, against, alternate, command_line, run_alone, spend
 
 Array = NDArray[np.float64]
 #: points on a segment of a path
@@ -166,35 +162,19 @@ def space(repeats: int) -> list[Row]:
 # -- density of states, alone in a process ------------------------------------------------------------------------------
 
 
-def peak() -> float:
-    """Return the largest memory of this process so far, GiB; on Linux without what the process that started it had."""
-    status = Path("/proc/self/status")
-    if status.is_file():
-        found = [line.split()[1] for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM")]
-        if found:
-            return int(found[0]) / 2**20
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-
-
 def alone(points: int) -> None:
     """Print what the density of states of fcc on a mesh takes."""
     import granphon as gp
 
     state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")).at_force(18.446)
-    start = time.perf_counter()
-    dos = gp.Phonons(state).dos(mesh=(points,) * 3)
-    seconds = time.perf_counter() - start
-    print(json.dumps({"s": seconds, "GiB": peak(), "modes": float(np.trapezoid(dos.total, dos.frequencies))}))
+    dos, spent = spend(lambda: gp.Phonons(state).dos(mesh=(points,) * 3))
+    print(json.dumps({**spent, "modes": float(np.trapezoid(dos.total, dos.frequencies))}))
 
 
 def densities(repeats: int) -> list[Row]:
     """The density of states of fcc on 64^3 wave vectors."""
-    command = [sys.executable, "-c", f"import bench_crystals; bench_crystals.alone({MESH})"]
-    runs = []
-    for _ in range(min(repeats, 3)):
-        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
-        runs.append(json.loads(done.stdout))
-        assert abs(runs[-1]["modes"] - 6.0) < 1e-6, "some modes are missing: the time would mean nothing"
+    runs = [run_alone(f"bench_crystals.alone({MESH})") for _ in range(min(repeats, 3))]
+    assert all(abs(run["modes"] - 6.0) < 1e-6 for run in runs), "some modes are missing: the time would mean nothing"
     what = f"density of states of fcc (6 branches) on {MESH}x{MESH}x{MESH} wave vectors"
     return [
         Row(f"{what}: time", float(np.median([run["s"] for run in runs])), "s", 10.0),

@@ -9,18 +9,15 @@ uniformly and rest under a given overlap; one thread throughout.
 from __future__ import annotations
 
 import json
-import resource
-import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, run_alone, spend
 
 import granphon as gp
 from granphon.array import equilibrium as module
@@ -134,27 +131,17 @@ def growth(repeats: int) -> list[Row]:
 
 def alone(length: int) -> None:
     """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its beginning."""
-    start = clocks()
-    state = equilibrate(balls(length), ReducedLoad(overlap=0.5))
-    wall, processor = clocks() - start
-    gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    numbers = {"s": wall, "processor_s": processor, "GiB": gib, "newton": state.newton, "conjugate": state.conjugate}
-    print(json.dumps({**numbers, "residual": residual(state)}))
-
-
-def in_process(length: int) -> dict[str, float]:
-    command = [sys.executable, "-c", f"import bench_simulation; bench_simulation.alone({length})"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
-    return dict(json.loads(done.stdout))
+    state, spent = spend(lambda: equilibrate(balls(length), ReducedLoad(overlap=0.5)))
+    print(json.dumps({**spent, "newton": state.newton, "conjugate": state.conjugate, "residual": residual(state)}))
 
 
 def memory(length: int, bound: float) -> Callable[[int], list[Row]]:
     """Once: the peak does not vary. To be run first, as a process also inherits the peak of the one that starts it."""
 
     def part(repeats: int) -> list[Row]:
-        seen = in_process(length)
+        seen = run_alone(f"bench_simulation.alone({length})")
         of = f"{length}x{length}, a* = 1"
-        took = f"{seen['newton']} steps, {seen['conjugate']} iterations, {seen['processor_s']:.3g} s of processor time"
+        took = f"{seen['newton']} steps, {seen['conjugate']} iterations, {seen['busy']:.3g} s of processor time"
         return [
             Row(f"{of}: peak memory of the process", seen["GiB"], "GiB", bound),
             Row(f"{of}: time of the first sample", seen["s"], "s", note=took),

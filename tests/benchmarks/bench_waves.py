@@ -9,17 +9,13 @@ installed (its kpm, on the same matrix, with the same numbers of moments and of 
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_crystals import peak
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, against, alternate, command_line, run_alone, spend
 
 Array = NDArray[np.float64]
 #: balls on a side of the array that rivals take too, and of the largest one
@@ -54,7 +50,7 @@ def waves(repeats: int) -> list[Row]:
     """Densities of states of a hundred thousand balls against rivals, products of arrays, and a million balls alone."""
     from scipy.sparse import eye_array
 
-    from granphon.waves.kernel import Kernel
+    from granphon.waves.chebyshev import Kernel
 
     ours = array(SIDE)
     operator = ours.operator
@@ -112,20 +108,14 @@ def large_product(repeats: int) -> list[Row]:
 def alone(side: int, moments: int) -> None:
     """Print what the density of states of a large array takes."""
     ours = array(side)
-    start, busy = time.perf_counter(), time.process_time()
-    dos = ours.dos(moments=moments, vectors=1)
-    took = time.perf_counter() - start
-    print(json.dumps({"s": took, "busy": time.process_time() - busy, "GiB": peak(), "motions": dos.integral}))
+    dos, spent = spend(lambda: ours.dos(moments=moments, vectors=1))
+    print(json.dumps({**spent, "motions": dos.integral}))
 
 
 def large(repeats: int) -> list[Row]:
     """The density of states of a million balls, with one vector."""
-    command = [sys.executable, "-c", f"import bench_waves; bench_waves.alone({LARGE}, {MANY})"]
-    runs = []
-    for _ in range(min(repeats, 2)):
-        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
-        runs.append(json.loads(done.stdout))
-        assert abs(runs[-1]["motions"] - 3.0) < 1e-9, "some modes are missing: the time would mean nothing"
+    runs = [run_alone(f"bench_waves.alone({LARGE}, {MANY})") for _ in range(min(repeats, 2))]
+    assert all(abs(run["motions"] - 3.0) < 1e-9 for run in runs), "some modes are missing: the time would mean nothing"
     what = f"density of states of {LARGE}x{LARGE} balls with rotations, {MANY} moments, one vector"
     return [
         Row(f"{what}: time", float(np.median([run["s"] for run in runs])), "s", 300.0),
@@ -142,18 +132,14 @@ def modes_alone(cells: int, frequency: float) -> None:
 
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6), lattice="fcc")
     ours = gp.Waves(gp.DirectSimulation(packing, shape=(cells,) * 3, seed=3).at_force(0.2).sample)
-    start, busy = time.perf_counter(), time.process_time()
-    found = ours.modes(6, frequency)
-    took = time.perf_counter() - start
+    found, spent = spend(lambda: ours.modes(6, frequency))
     far = float(np.max(np.abs(found.frequencies - frequency)))
-    print(json.dumps({"s": took, "busy": time.process_time() - busy, "GiB": peak(), "residual": found.residual, "far": far}))
+    print(json.dumps({**spent, "residual": found.residual, "far": far}))
 
 
 def modes(repeats: int) -> list[Row]:
     """Modes amid the spectrum of an array too large to be factorised; once, whatever the repeats."""
-    command = [sys.executable, "-c", "import bench_waves; bench_waves.modes_alone(20, 20e3)"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
-    run = json.loads(done.stdout)
+    run = run_alone("bench_waves.modes_alone(20, 20e3)")
     assert run["residual"] <= 1e-8, "these are no modes: the time would mean nothing"
     assert run["far"] < 20.0, "these are not the nearest modes: the time would mean nothing"
     what = "6 modes nearest to 20 kHz, 20x20x20 balls in fcc with rotations"

@@ -26,7 +26,7 @@ HERE = Path(__file__).resolve().parent
 
 #: costly functions, by module and qualified name: they are counted however they were imported
 WATCHED = {
-    ("granphon.laws.collocation", "solve_curve"): "effective medium",
+    ("granphon.laws.effective", "solve_curve"): "effective medium",
     ("granphon.dynamics.local_field", "_compute_local_field"): "local field",
     ("granphon.phonons.force_constants", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",

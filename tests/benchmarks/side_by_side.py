@@ -11,13 +11,15 @@ import math
 import os
 import platform
 import statistics
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+Found = TypeVar("Found")
 #: takes the number of repeats
 Part = Callable[[int], "list[Row]"]
 
@@ -72,6 +74,32 @@ def alternate(repeats: int, **calls: Callable[[], object]) -> dict[str, float]:
             call()
             times[name].append(time.perf_counter() - start)
     return {name: statistics.median(values) for name, values in times.items()}
+
+
+def peak() -> float:
+    """Return the largest memory of this process so far, GiB; on Linux without what the process that started it had."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        found = [line.split()[1] for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM")]
+        if found:
+            return int(found[0]) / 2**20
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
+def spend(call: Callable[[], Found]) -> tuple[Found, dict[str, Any]]:
+    """Return what a call finds, and what it takes: seconds by the clock and of the processor, and the peak of memory."""
+    start, busy = time.perf_counter(), time.process_time()
+    found = call()
+    return found, {"s": time.perf_counter() - start, "busy": time.process_time() - busy, "GiB": peak()}
+
+
+def run_alone(call: str) -> dict[str, Any]:
+    """Return what a call prints as JSON, such as "bench_waves.alone(9)", in a process of its own: for its peak of memory."""
+    command = [sys.executable, "-c", f"import {call.partition('.')[0]}; {call}"]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
+    return dict(json.loads(done.stdout))
 
 
 def against(seconds: Mapping[str, float], ours: str, other: str) -> str:

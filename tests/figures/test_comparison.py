@@ -22,6 +22,7 @@ from granphon.fits.measurements import Measurements
 from granphon.media.choice import MediumChoice
 from granphon.scene.scene import Scene
 from granphon.scene.several import draw_together, read_run
+from tests.figures.conftest import drawn
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 GLASS = gp.Material(70e9, 0.22, 2500.0)
@@ -53,15 +54,6 @@ def fcc():
 def fit():
     exact = gp.sound_velocities(gp.EffectiveMedium(balls()).at_force(FORCE)).longitudinal
     return fit_width(balls(), FORCE, exact * (1.0 + 0.01 * np.array([1, -1, 1, -1, 1])), 5.0)
-
-
-@pytest.fixture
-def ax():
-    return Figure(layout="constrained").subplots()
-
-
-def drawn(ax, gid):
-    return [np.array(line.get_xydata()) for line in ax.lines if line.get_gid() == gid]
 
 
 def texts(ax):

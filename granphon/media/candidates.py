@@ -1,7 +1,7 @@
-"""The ladder of media from which an automatic medium takes the cheapest that is accurate enough.
+"""The candidates among which an automatic medium takes the cheapest that is accurate enough, and their expected errors.
 
-Its rungs are the media of the table of :mod:`granphon.media.accuracy`, the simulation with samples of many sizes. They are
-sorted by rough times (:mod:`granphon.media.sizes_and_times`).
+They are the media of the table of :mod:`granphon.media.accuracy`, the simulation with samples of many sizes. They are sorted
+by rough times.
 """
 
 from __future__ import annotations
@@ -13,22 +13,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.media.accuracy import FRICTIONLESS, accuracy
+from granphon.media.cost import estimate
 from granphon.media.equilibria import reduce_load
 from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.left_out import EXACT, expect_shear_deficit, find_left_out
-from granphon.media.mean_field import AveragedLattice
+from granphon.media.mean_field import AveragedLattice, EffectiveMedium
+from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation
-from granphon.media.sizes_and_times import SIDES, even_shape
 
 Array = NDArray[np.float64]
+#: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
+SIDES = {
+    2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
+    3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
+}
+#: rough time of a simulation besides the time for its balls, s
+_SIMULATION_TIME = 0.04
+#: rough time for each ball of a simulation, s
+_BALL_TIME = 3e-6
 
 
-def list_rungs(packing: Packing, against: FrictionHistory = REST) -> list[tuple[str, dict[str, Any]]]:
-    """Return the name and the options of each medium of the ladder; the last is the largest simulation of the truth."""
+def list_candidates(packing: Packing, against: FrictionHistory = REST) -> list[tuple[str, dict[str, Any]]]:
+    """Return the name and the options of each candidate, a medium; the last is the largest simulation of the truth."""
     if not packing.spread_matters:
         return [(AveragedLattice.name, {})]  # exact for equal balls, and on a line
     laws: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in accuracy().media() if name != DirectSimulation.name]
@@ -108,3 +119,21 @@ def _explain_unmet(tolerance: float, least: float, packing: Packing, load: Load,
     at, lowest = float(reduce_load(packing, load)), accuracy().least(packing, load.kind, against)
     what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
     return message(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")
+
+
+def rough_time(medium: Medium, load: Load) -> float:
+    """Return the rough time of a medium at all values of an applied load, s; zero for those that only evaluate a law.
+
+    That of a simulation is the time at one of the loads: at the least, whose equilibrium takes longest; with a history of
+    friction at the greatest, on the way to which it passes the others.
+    """
+    if isinstance(medium, DirectSimulation):
+        decisive = np.argmax if medium.friction_history else np.argmin
+        return _SIMULATION_TIME + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
+    return medium.seconds if isinstance(medium, EffectiveMedium) else 0.0
+
+
+def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
+    """Return the numbers of cells along each period of a sample whose sides are about ``side`` diameters."""
+    lengths = np.linalg.norm(structure.vectors, axis=1)
+    return tuple(max(round(side / length), 1) for length in lengths.tolist())

@@ -1,0 +1,21 @@
+"""An Axes to draw on, and what is read back from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+
+@pytest.fixture
+def ax():
+    return Figure(layout="constrained").subplots()
+
+
+def drawn(ax, gid):
+    """The points (n, 2) of each line of a group."""
+    return [np.array(line.get_xydata()) for line in ax.lines if line.get_gid() == gid]
+
+
+def texts(legend):
+    return [text.get_text() for text in legend.get_texts()]

@@ -1,0 +1,308 @@
+"""Figures of contact forces: lines, balls and densities are read back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.balls.lattices import TRIANGULAR
+from granphon.base.errors import InputError
+from granphon.figures.forces import forces_figure, plot_force_distribution, plot_forces
+from tests import packings
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Near the threshold: many contacts are open."""
+    return gp.DirectSimulation(PACKING, (12, 10), seed=3, samples=3).at_overlap(2.04e-6 * (0.45 - 0.5))
+
+
+def chains(ax):
+    """Segments (n, 2, 2), forces and widths of the contacts drawn."""
+    (lines,) = [c for c in ax.collections if c.get_gid() == "forces"]
+    return np.array(lines.get_segments()), np.asarray(lines.get_array()), np.asarray(lines.get_linewidths())
+
+
+def wrapped(places, shape):
+    """The cell (p, q) of each place, which must be a site."""
+    cells = places @ np.linalg.inv(TRIANGULAR.vectors)
+    assert_allclose(cells, np.round(cells), atol=1e-9)
+    return np.mod(np.round(cells).astype(int), shape)
+
+
+def test_every_contact_that_carries_load_is_a_line_between_its_balls(simulated, ax):
+    sample = simulated.sample
+    assert plot_forces(sample, ax) is ax
+    segments, values, widths = chains(ax)
+    forces = sample.contact_forces / sample.force
+    starts, ways = wrapped(segments[:, 0], (12, 10)), segments[:, 1] - segments[:, 0]
+    kinds = np.argmax(ways @ TRIANGULAR.contacts.normal.T, axis=1)
+    assert_allclose(ways, TRIANGULAR.contacts.normal[kinds], atol=1e-12)
+    # each line has the force of its contact, and every closed contact has one line, or two if it crosses an edge
+    assert_allclose(values, forces[starts[:, 0], starts[:, 1], kinds], rtol=1e-12)
+    contacts, lines = np.unique(np.column_stack([starts, kinds]), axis=0, return_counts=True)
+    assert len(contacts) == np.count_nonzero(forces) < 0.8 * forces.size
+    assert set(lines.tolist()) == {1, 2}
+    assert_allclose(widths / values, widths[0] / values[0], rtol=1e-12)
+    assert np.all(np.diff(values) >= 0.0)  # the strong on top
+
+
+def test_a_contact_across_an_edge_is_drawn_on_both_sides(simulated, ax):
+    segments, _, _ = chains(plot_forces(simulated.sample, ax))
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    height = 10 * np.sqrt(0.75)
+    assert (right - left, top - bottom) == pytest.approx((12.0, height))
+    inside = np.all((segments > [left, bottom]) & (segments < [right, top]), axis=2)
+    assert np.all(np.any(inside, axis=1))  # nothing is drawn wholly outside
+    middles = segments[~np.all(inside, axis=1)].mean(axis=1)
+    # of the two lines of a contact one is the other moved by a period: (12, 0), or (-5, 10 sqrt(3)/2), or both
+    periods = np.array([(12.0, 0.0), (-5.0, height), (7.0, height), (-17.0, height)])
+    moved = (middles[:, None, None] + np.concatenate([periods, -periods])[:, None])[:, :, 0]
+    apart = np.linalg.norm(moved[:, :, None] - middles, axis=-1)
+    assert np.all(np.sum(apart < 1e-9, axis=(1, 2)) == 1)
+    assert len(middles) > 20
+
+
+def test_the_map_says_what_it_shows(simulated):
+    ax = plot_forces(simulated.sample)
+    state, figure = simulated.sample.equilibrium, ax.get_figure()
+    assert ax.get_title() == f"$f^*$ = {state.force:.3g}, $a^*$ = 0.45, $N_c$ = {simulated.sample.contact_fraction():.3f}"
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("$x/d$", "$y/d$", 1.0)
+    assert figure.axes[1].get_xlabel() == "Contact force over its mean"
+    assert figure.axes[1].get_xlim() == pytest.approx((0.0, chains(ax)[1].max()))
+    assert figure.get_size_inches()[0] == 3.4
+    assert len([c for c in ax.collections if c.get_gid() == "balls"]) == 1
+    many = plot_forces(gp.DirectSimulation(PACKING, (40, 40)).at_force(20.0).sample)
+    assert [c.get_gid() for c in many.collections] == ["forces"]
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return gp.DirectSimulation(PACKING, (64, 12), seed=2).at_overlap(2.04e-6 * (0.45 - 0.5))
+
+
+def test_of_a_large_array_the_density_of_the_force_is_drawn(wide, ax):
+    sample = wide.sample
+    plot_forces(sample, ax)
+    (mesh,) = ax.collections
+    assert mesh.get_gid() == "density"
+    corners = np.asarray(mesh.get_coordinates())
+    x, y = corners[0, :, 0], corners[:, 0, 1]
+    assert (len(x) - 1, len(y) - 1) == (16, 3)
+    # each contact counts half at each of its balls, those that carry nothing too
+    forces, table = sample.contact_forces / sample.force, TRIANGULAR.contacts
+    sums = np.zeros((64, 12))
+    for contact, (p, q) in enumerate(table.shift[:, :2]):
+        for row, column in np.ndindex(64, 12):
+            sums[row, column] += forces[row, column, contact]
+            sums[(row + p) % 64, (column + q) % 12] += forces[row, column, contact]
+    places = np.reshape(sample.sites, (64, 12, 2))
+    where = (
+        np.searchsorted(x, np.mod(places[..., 0] + 1e-9, 64.0), "right") - 1,
+        np.searchsorted(y, places[..., 1], "right") - 1,
+    )
+    expected, count = np.zeros((16, 3)), np.zeros((16, 3))
+    np.add.at(expected, where, sums)
+    np.add.at(count, where, 6.0)
+    assert_allclose(np.asarray(mesh.get_array()).T, expected / count, rtol=1e-9)
+    assert "means over 4 x 3.5 $d$" in ax.get_figure().axes[1].get_xlabel().replace("3.5 x 4", "4 x 3.5")
+
+
+def test_a_window_shows_the_contacts_inside_it(wide, ax):
+    every = chains(plot_forces(wide.sample, Figure().subplots(), show="all"))
+    plot_forces(wide.sample, ax, window=(20.0, 2.0, 30.0, 8.0))
+    assert (ax.get_xlim(), ax.get_ylim()) == ((20.0, 30.0), (2.0, 8.0))
+    inside = np.all((every[0] > [20.0, 2.0]) & (every[0] < [30.0, 8.0]), axis=2)
+    lines = {tuple(np.round(one.ravel(), 9)) for one in chains(ax)[0]}
+    assert {tuple(np.round(one.ravel(), 9)) for one in every[0][inside.any(axis=1)]} <= lines
+    assert len(lines) < 0.3 * len(every[0])
+    (balls,) = [c for c in ax.collections if c.get_gid() == "balls"]
+    assert len(balls.get_offsets()) < 100
+    middle = plot_forces(wide.sample, Figure().subplots(), show="window")
+    assert np.ptp(middle.get_xlim()) == pytest.approx(24.0)
+
+
+def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
+    figure = forces_figure(wide)
+    whole, window, distribution = figure.axes[:3]
+    (marked,) = [patch for patch in whole.patches if patch.get_gid() == "window"]
+    assert window.get_xlim() == pytest.approx((marked.get_x(), marked.get_x() + marked.get_width()))
+    assert window.get_ylim() == pytest.approx((marked.get_y(), marked.get_y() + marked.get_height()))
+    assert distribution.get_ylabel() == "Probability density"
+    figure.savefig(tmp_path / "forces.png", dpi=50)
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"show": "some"}, "Use all, window, density or auto"), ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
+        ({"window": (1.0, 2.0)}, "left, lower, right"), ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball of the array"),
+    ],
+)  # fmt: skip
+def test_forces_that_cannot_be_shown(simulated, ax, options, told):
+    with pytest.raises(InputError, match=told):
+        plot_forces(simulated.sample, ax, **options)
+
+
+def of_packing(name):
+    """A network of LAMMPS' disks in a periodic plane, or balls in a periodic space."""
+    glass = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
+    return gp.ContactNetwork.from_lammps(*(packings.FOLDER / f"{name}_{what}.dump" for what in ("atoms", "pairs")), glass)
+
+
+@pytest.mark.parametrize("name", ["disks", "balls"])
+def test_every_contact_of_a_network_is_a_line_as_wide_and_dark_as_its_force(name, ax):
+    network = of_packing(name)
+    assert plot_forces(network, ax) is ax
+    segments, values, widths = chains(ax)
+    inside = np.all(network.shift == 0, axis=1)
+    assert len(values) == np.count_nonzero(inside) + 2 * np.count_nonzero(~inside)
+    # in the order of the forces: whole lines inside, and across an edge two pieces that end where the balls touch
+    start, end = network.positions[network.i, :2], network.positions[network.j, :2]
+    at_i = (network.positions[network.i] + network.arm_i[:, None] * network.normal)[:, :2]
+    at_j = (network.positions[network.j] - network.arm_j[:, None] * network.normal)[:, :2]
+    pieces = [
+        np.stack(pair, axis=1)
+        for pair in ((start[inside], end[inside]), (start[~inside], at_i[~inside]), (end[~inside], at_j[~inside]))
+    ]
+    force = network.normal_force
+    forces = np.concatenate([force[inside], force[~inside], force[~inside]])
+    order = np.argsort(forces, kind="stable")
+    assert_allclose(values, forces[order], rtol=1e-12)
+    assert_allclose(segments, np.concatenate(pieces)[order], atol=1e-15)
+    assert_allclose(widths / widths[0], np.clip(values / force.mean(), 0.2, 4.0) / 0.2, rtol=1e-12)
+    (balls,) = [c for c in ax.collections if c.get_gid() == "balls"]
+    lowest = np.argsort(network.positions[:, 2], kind="stable")  # what is nearer hides what is farther
+    assert_allclose(balls.get_offsets(), network.positions[lowest, :2])
+    assert_allclose(balls.get_widths(), 2.0 * network.radii[lowest])
+    assert ax.get_aspect() == 1.0
+    assert ax.get_title() == f"{network.n_balls} balls, {network.n_contacts} contacts" + ", seen along $z$" * (
+        name == "balls"
+    )
+
+
+def test_a_network_is_drawn_with_its_units():
+    figure = gp.plot(of_packing("disks"))
+    ax, bar = figure.axes
+    assert figure.get_size_inches()[0] == 3.4
+    assert (ax.get_xlabel(), ax.get_ylabel(), bar.get_xlabel()) == ("$x$ (mm)", "$y$ (mm)", "Contact force (N)")
+    figure.canvas.draw()
+    written = dict(zip([one.get_text() for one in ax.get_xticklabels()], ax.get_xticks(), strict=True))
+    assert [written[one] for one in ("0", "5", "10")] == pytest.approx([0.0, 5e-3, 10e-3])
+    assert bar.get_xlim() == pytest.approx((0.0, of_packing("disks").normal_force.max()))
+
+
+def test_walls_and_a_row_of_balls_are_drawn(ax):
+    pressed = gp.Hexagon(PACKING, 3).at_side_force(30.0)
+    plot_forces(pressed.network, ax)
+    (walls,) = [c for c in ax.collections if c.get_gid() == "walls"]
+    assert len(walls.get_segments()) == np.count_nonzero(pressed.wall_forces)
+    assert ax.get_title().startswith("19 balls, ")
+    chain = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="chain"), shape=(9,)).at_force(2.0)
+    row = plot_forces(chain.sample.network)
+    assert (row.get_xlabel(), row.get_ylabel(), row.get_yticks().tolist()) == ("$x$ (mm)", "", [0.0])
+    assert_allclose(chains(row)[1], 2.0)
+    assert row.get_figure().get_figheight() < 2.0
+
+
+def test_of_a_large_network_the_density_or_a_window_is_drawn(wide, ax):
+    network = wide.sample.network
+    plot_forces(network, ax)
+    (mesh,) = ax.collections
+    assert mesh.get_gid() == "density"
+    corners, mean = np.asarray(mesh.get_coordinates()), np.ma.filled(mesh.get_array(), np.nan)
+    # each contact counts half at each of its balls
+    places, force = network.positions, network.normal_force
+    sums, counts = np.zeros(mean.shape), np.zeros(mean.shape)
+    for ball, one in [*zip(network.i, force, strict=True), *zip(network.j, force, strict=True)]:
+        column = np.searchsorted(corners[0, :, 0], places[ball, 0], "right") - 1
+        row = np.searchsorted(corners[:, 0, 1], places[ball, 1], "right") - 1
+        sums[row, column] += one
+        counts[row, column] += 1.0
+    assert_allclose(mean[counts > 0], sums[counts > 0] / counts[counts > 0], rtol=1e-9)
+    assert np.all(np.isnan(mean[counts == 0]))
+    window = plot_forces(network, window=(0.1, 0.02, 0.2, 0.06))
+    assert (*window.get_xlim(), *window.get_ylim()) == pytest.approx((0.1, 0.2, 0.02, 0.06))
+    with pytest.raises(InputError, match="Give edges inside the array, in m"):
+        plot_forces(network, window=(10.0, 0.0, 11.0, 1.0))
+
+
+def test_a_network_without_force_and_what_is_no_network(ax):
+    network = of_packing("disks")
+    still = replace(network, normal_force=0.0 * network.normal_force)
+    plot_forces(still, ax)
+    assert len(ax.get_figure().axes) == 1  # without a scale of forces
+    with pytest.raises(InputError, match=r"Give a sample, such as .*, or a gp.ContactNetwork"):
+        plot_forces(STEEL)
+
+
+def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated, ax):
+    plot_force_distribution(simulated, ax)
+    (steps,) = [p for p in ax.patches if p.get_gid() == "density"]
+    density, edges, _ = steps.get_data()
+    assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)
+    each = [s.contact_forces[s.contact_forces > 1e-6 * s.force] / s.force for s in simulated.samples]
+    expected = [np.histogram(one, edges)[0] / one.size / np.diff(edges) for one in each]
+    assert_allclose(density, np.mean(expected, axis=0), rtol=1e-9)
+    assert edges[-2] < max(one.max() for one in each) < edges[-1]
+    assert np.diff(edges)[0] == pytest.approx(0.25 * simulated.contact_force_fluctuation, rel=0.1)
+    assert ax.get_yscale() == "log"
+
+
+@pytest.mark.parametrize(
+    ("packing", "shape"),
+    [
+        (PACKING, (2, 3)),
+        (PACKING, (7, 40)),
+        (gp.Packing(STEEL, 8e-3), (1, 1)),
+        (gp.Packing(STEEL, 8e-3), (40, 7)),
+        *(pytest.param(PACKING, shape, marks=pytest.mark.exhaustive) for shape in [(1, 1), (8, 5), (40, 7)]),
+        *(pytest.param(gp.Packing(STEEL, 8e-3), s, marks=pytest.mark.exhaustive) for s in [(2, 3), (8, 5), (7, 40)]),
+    ],
+)
+def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
+    state = gp.DirectSimulation(packing, shape).at_force(2.0)
+    figure = forces_figure(state)
+    figure.savefig(tmp_path / "forces.png")
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert width == 7.0
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+    (left, right), bar = figure.axes[:2], figure.axes[2]
+    assert right.get_ylabel() == "Probability density"
+    assert bar.get_xlabel() == right.get_xlabel()
+    closed = np.count_nonzero(state.sample.contact_forces)
+    assert len(chains(left)[0]) >= closed
+    if not packing.width:
+        assert left.get_title() == "$f$ = 2 N, $N_c$ = 1.000"
+        assert_allclose(chains(left)[1], 1.0, rtol=1e-12)
+
+
+def test_the_forces_of_several_loads_are_not_one_figure():
+    states = gp.DirectSimulation(PACKING, (4, 4)).at_force([2.0, 3.0])
+    for draw in (forces_figure, lambda state: plot_force_distribution(state, Figure().subplots())):
+        with pytest.raises(InputError, match="2 loads"):
+            draw(states)
+
+
+def test_the_layer_that_is_drawn_of_hcp_is_whole():
+    hcp = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="hcp")
+    ax = plot_forces(gp.DirectSimulation(hcp, (3, 4, 2)).at_force(20.0).sample)
+    (balls,) = [one for one in ax.collections if one.get_gid() == "balls"]
+    rows, (low, high) = np.asarray(balls.get_offsets())[:, 1], ax.get_ylim()
+    assert len(rows) == 12
+    # half a row is left below the lowest and above the highest
+    assert_allclose([rows.min() - low, high - rows.max()], 0.25 * 3.0**0.5, rtol=1e-12)
