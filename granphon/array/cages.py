@@ -25,8 +25,10 @@ from granphon.array.true_geometry import ExactGeometry
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-#: largest number of steps of Newton's method, and of trials for the lengths of one
-_STEPS, _LENGTHS = 100, 12
+#: Newton steps, at most
+_STEPS = 100
+#: trials of a line search, at most
+_LENGTHS = 12
 #: slope of the energy at the end of a step over that at its beginning, at most
 _SLOPE = 0.3
 #: stiffness added to each contact, over the mean times the distance from balance; see the same in true_equilibrium

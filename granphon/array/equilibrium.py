@@ -57,10 +57,12 @@ _ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
-#: largest residual of a linear system, over its right side. Otherwise it is the ratio by which the step before came nearer
-#: to rest, to this power: where balls that nothing holds come to rest, progress is slow, however accurate the steps (S. C.
-#: Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose accuracies in this way)
-_LOOSEST, _PROGRESS = 0.15, 1.2
+#: tolerance of a linear system, over its right side, at most
+_LOOSEST = 0.15
+#: below that, the tolerance is the ratio by which the last step reduced the residual, to this power: where balls that
+#: nothing holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci.
+#: Comput. 17, 16 (1996), choose tolerances in this way)
+_PROGRESS = 1.2
 #: length of a step below which the linear equations of later ones are solved in double precision
 _SPOILT_LENGTH = 0.3
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In

@@ -48,8 +48,10 @@ _LEAST_SHARE = 1.0 / 16.0
 _CAUTION = 2.0
 #: fraction of the load by which it may be missed where the array counts as standing there
 _SAME_LOAD = 1e-12
-#: errors that are allowed of what is lost, over the tolerance of f*: a fraction of it, and of the work of the load
-_OF_LOSS, _OF_WORK = 100.0, 0.1
+#: error of the energy lost in a step, as a fraction of it, over the tolerance of f*
+_OF_LOSS = 100.0
+#: error of the energy lost in a step that is allowed besides, as a fraction of the work, over the tolerance of f*
+_OF_WORK = 0.1
 #: number of halvings after which they no longer are a reason to halve a step
 _LOSS_HALVINGS = 6
 #: number of steps to one load

@@ -27,8 +27,10 @@ from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion
 
 Array = NDArray[np.float64]
-#: largest number of steps; and in the true geometry, where loose balls roll along others, and the longer the smaller W/d is
-_STEPS, _STEPS_IN_TRUTH = 100, 800
+#: Newton steps on the lattice, at most
+_STEPS = 100
+#: Newton steps in the true geometry, at most: loose balls roll along others there, and the longer the smaller W/d is
+_STEPS_IN_TRUTH = 800
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
 _CLOSE = 1e-9
 #: largest force left on a ball, over the mean force, with which it then ends well
@@ -38,22 +40,30 @@ _LEAST_FORCE = 1e-10
 #: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this power: it falls the faster
 #: the better it goes
 _SPEED = 1.5
-#: least and largest of these factors
-_LEAST_FACTOR, _LARGEST_FACTOR = 1e-2, 0.2
+#: least factor by which mu is lowered in a step
+_LEAST_FACTOR = 1e-2
+#: largest factor by which mu is lowered in a step
+_LARGEST_FACTOR = 0.2
 #: mu is not lowered while the largest force left on a ball, over the mean force, is more than this many times the root of mu
 #: over the mean force to the power 5/3. In the true geometry it is this itself instead of the root: forces there push balls
 #: aside, whose way to others has to be followed
 _TOO_FAR = 10.0
 #: least fraction of its value that a step leaves of an f or s
 _LEFT = 0.01
-#: least and largest product f s of a contact after a step, over mu: the smaller of f^(2/3) and s is moved until it is
-_LEAST_PRODUCT, _LARGEST_PRODUCT = 0.1, 100.0
-#: error of a linear system, as a fraction of the factor by which mu is lowered; the largest error, and the least, which is
-#: that where mu is held
-_ACCURACY, _LARGEST_ERROR, _LEAST_ERROR = 0.5, 0.1, 0.03
-#: f^(2/3) and s of a contact with h = 0 at the start, over the standard deviation of h: from the sites of the lattice, and
-#: from an equilibrium
-_WIDTH, _WIDTH_NEAR = 1.0, 0.03
+#: product f s of a contact after a step, over mu, at least: the smaller of f^(2/3) and s is moved until it is
+_LEAST_PRODUCT = 0.1
+#: product f s of a contact after a step, over mu, at most
+_LARGEST_PRODUCT = 100.0
+#: tolerance of a linear system, as a fraction of the factor by which mu is lowered
+_ACCURACY = 0.5
+#: tolerance of a linear system, over its right side, at most
+_LARGEST_ERROR = 0.1
+#: tolerance of a linear system, over its right side, at least; it is that where mu is held
+_LEAST_ERROR = 0.03
+#: f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start is the sites of the lattice
+_WIDTH = 1.0
+#: the same where the start is an equilibrium
+_WIDTH_NEAR = 0.03
 
 
 def approach(

@@ -21,8 +21,10 @@ from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, dot
 
 Array = NDArray[np.float64]
-#: largest number of iterations, and the number after which balls that are held weakly are looked for
-_MOST_ITERATIONS, _FEW = 300, 15
+#: GMRES iterations, at most
+_MOST_ITERATIONS = 300
+#: GMRES iterations after which weakly held balls are looked for
+_FEW = 15
 
 
 class LinearSteps:

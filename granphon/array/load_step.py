@@ -27,35 +27,47 @@ from granphon.array.steps import ReducedLoad
 Array = NDArray[np.float64]
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
-#: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
-#: fall by half for it to go on
-_NEWTON_STEPS, _PATIENCE = 120, 15
-#: the latter where the limits of sliding have just been found anew
+#: Newton steps before a step of the load is halved, at most
+_NEWTON_STEPS = 120
+#: Newton steps in which the residual must fall by half
+_PATIENCE = 15
+#: the same where the limits of sliding have just been found anew
 _SHORT_PATIENCE = 5
-#: friction coefficient below which contacts are made soft against slip at first; by how much they then become stiffer at a
-#: time; the part of it that may be left of balance then; and the largest number of steps of Newton's method for each
-SMALL_FRICTION, _STIFFER, _NEARLY, _SOFT_STEPS = 0.02, 10.0, 0.03, 60
-#: largest number of times that they become stiffer: smaller numbers lose digits
+#: friction coefficient below which Newton's method is continued in the shear stiffness of contacts, from soft ones on
+SMALL_FRICTION = 0.02
+#: factor of the shear stiffness between two stages of this continuation
+_STIFFER = 10.0
+#: residual at which a stage ends, over the friction coefficient
+_NEARLY = 0.03
+#: Newton steps of a stage, at most
+_SOFT_STEPS = 60
+#: stages, at most: smaller stiffnesses lose digits
 _MOST_STAGES = 300
-#: largest part of the residual that the linear equations of a step may leave, and what they leave over the root of the
-#: distance from balance
-_LOOSEST, _FORCING = 0.1, 0.3
+#: tolerance of the linear equations of a step, over the residual, at most
+_LOOSEST = 0.1
+#: tolerance of the linear equations of a step, over the root of the distance from balance
+_FORCING = 0.3
 #: residual under the law as it is, over that from which Newton's method was tried last, below which it is tried again
 _NEARER = 0.5
-#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
-#: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
-_LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
+#: part of the residual that a whole step leaves, from which a longer one is tried
+_LEFT_BY_LOOSE = 0.12
+#: length of that longer step: Newton's method comes to the zero of h^(3/2), where a ball that nothing else holds leaves its
+#: last contact, by two thirds of the way at a time
+_LONGER = 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
-#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered
-#: after a whole one; and the most, where a step is given up
-_EASE, _MOST_HOLD = 10.0, 1e6
-#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
-#: balance: without it nothing would hold balls whose contacts all slide. In space; and in a plane, where these are turned by
-#: themselves, over the distance in units of the friction coefficient
-_SECANT_SHARE_IN_SPACE, _SECANT_SHARE = 30.0, 0.3
+#: factor by which the added stiffness is raised after a step that had to be made short, where a ball has lost what held it,
+#: and lowered after a whole one
+_EASE = 10.0
+#: raised added stiffness, over the usual one, from which the iteration is given up
+_MOST_HOLD = 1e6
+#: share of their secant stiffness that sliding contacts have in a step of Newton's method, over the distance from balance,
+#: in space: without it nothing would hold balls whose contacts all slide
+_SECANT_SHARE_IN_SPACE = 30.0
+#: the same in a plane, where such balls are turned by themselves, over the distance in units of the friction coefficient
+_SECANT_SHARE = 0.3
 #: mean force, over that before the step, below which the array has fallen apart
 _FALLEN = 1e-6
 #: largest motion of a ball in a step of Newton's method, half of its rotation included, over the rms overlap

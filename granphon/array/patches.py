@@ -24,9 +24,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 #: puts the motions of some balls under a force into an array of motions
 Put = Callable[[Array, Array], None]
-#: part of the square of a residual that the balls which are added to a patch hold; and the most that are added at a time, as
-#: a part of the array, or as a number
-_HELD, _MOST_PART, _MOST = 0.9, 1.0 / 32.0, 48
+#: part of the square of a residual that the balls hold which are added to a patch
+_HELD = 0.9
+#: balls that are added to a patch at a time, at most, as a part of the array
+_MOST_PART = 1.0 / 32.0
+#: the same as a number, where that is more
+_MOST = 48
 #: part of the array from which a patch is the whole array, if that is not too large
 _WHOLE = 0.4
 #: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods: factors of more cost more than

@@ -32,9 +32,10 @@ _STIFF = 1e-3
 _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
 _HOLDING = 1e-5
-#: iterations with Green's function after which, at most, the matrix is factorised; and the cost of an iteration with the
-#: factors in iterations with Green's function. Measured in planes of 64 x 64 to 128 x 128 balls
-_PATIENCE, _SOLUTION = 150, 3
+#: iterations with Green's function that cost as much as a factorisation, measured in planes of 64 x 64 to 128 x 128 balls
+_PATIENCE = 150
+#: cost of an iteration with factors, in iterations with Green's function, measured in the same planes
+_SOLUTION = 3
 #: iterations of a system, beyond those of the first with the same factors, from which these are made anew for the next
 _STALE = 30
 

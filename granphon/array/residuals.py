@@ -20,9 +20,11 @@ Single = NDArray[Any]
 Operator = Callable[[Single], Single]
 #: vectors kept, after which the method starts again
 _KEPT = 60
-#: number of elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait for each other,
-#: and their number changes the last digit; and the greatest length of the parts of vectors in such products
-_ONE_THREAD, _LONGEST = 9216, 1024
+#: elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait for each other, and their
+#: number changes the last digit
+_ONE_THREAD = 9216
+#: length of the parts of vectors in such products, at most
+_LONGEST = 1024
 #: part of a vector's length that is left by the projection on those before it, below which it is projected once more
 _CANCELLED = 0.1
 #: part of it that is nothing but rounding: the vector then lies among those before it

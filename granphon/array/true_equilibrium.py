@@ -40,8 +40,10 @@ _OF_RATIO = 1e-4
 _LEAST_TOLERANCE = 1e-13
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
-#: largest number of steps of Newton's method, and of trials for the length of one
-_NEWTON_STEPS, _LENGTHS = 400, 12
+#: Newton steps, at most
+_NEWTON_STEPS = 400
+#: trials of a line search, at most
+_LENGTHS = 12
 #: fraction of contacts that are stiff, above which Green's function is kept: of many contacts with light forces it knows
 #: nothing, so that factors pay earlier than on the lattice
 _MOST_STIFF = 0.8
@@ -59,15 +61,19 @@ _CLOSE = 1e-9
 _ASIDE = 1e-2
 #: largest number of times that balls go down from a saddle
 _MOST_SADDLES = 50
-#: part of the error of a response to random forces that is left when the curvature has been probed, and the most iterations
-_PROBED, _PROBE_STEPS = 1e-6, 20_000
+#: part of the error of a response to random forces that is left when the curvature has been probed
+_PROBED = 1e-6
+#: iterations of conjugate gradients that probe the curvature, at most
+_PROBE_STEPS = 20_000
 #: curvature below zero, over that of the same contacts if they moved along their directions, that may be rounding
 _ROUNDING = 1e-13
-#: part of the residual that may be left where light contacts hold a ball that lighter ones keep from going aside, but the
-#: latter cannot be told from what is left of balance
+#: tighter tolerance, as a fraction of the usual residual, for balls held only by contacts whose force is comparable with the
+#: residual
 _FINER = 1e-2
-#: largest displacement of a ball, in W, with which a way down begins, and the number of times that it may be doubled
-_FIRST_MOVE, _DOUBLINGS = 1e-2, 6
+#: displacement of a ball, in W, with which the way down from a saddle begins
+_FIRST_MOVE = 1e-2
+#: times that this displacement is doubled, at most
+_DOUBLINGS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
 

@@ -36,8 +36,10 @@ Map = Callable[[Array], Array]
 _RESPONSE_STEPS = 60_000
 #: relative residual of linear responses; the error of a stiffness is its square, without tangential forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps, and the number of times that it keeps so many before the matrix is factorised
-_KEPT, _PATIENCE = 60, 4
+#: vectors that GMRES keeps
+_KEPT = 60
+#: cycles of GMRES after which the matrix is factorised
+_PATIENCE = 4
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
 #: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
@@ -46,8 +48,8 @@ _MOST_AT_ONCE = (2**10, 2**9)
 #: the same where iterations without factors do not come to an end. In space the time grows as the power 2.5 of it: 1000
 #: balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
 _MOST_BALLS = (2**14, 2**11)
-#: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
-#: like gears, and what is left of torques, rounding among it, would turn them without limit
+#: regularisation added to the diagonal, over the mean stiffness: it fixes zero modes such as balls that turn against each
+#: other like gears, which what is left of torques, rounding among it, would turn without limit
 _HOLDING = 1e-10
 
 

@@ -581,7 +581,7 @@ def test_moduli_in_space_under_tangential_forces_are_changes_of_stress(response,
     monkeypatch.setattr(ExactPlace, "respond", lambda *given: taken.append(1) or respond(*given))
     found = state.find_elasticity(ratios)
     assert len(taken) < 200  # it was more than 3000 for "slide"
-    still = cartesian_in_space(stencils, state._move(stencils))
+    still = cartesian_in_space(stencils, stencils.spread(state.balls, state.rotations))
     twin = InSpace(stencils, x, ratio, overlap, still, ratios * state.stiffnesses, state.shears)
     assert np.max(np.abs(twin.balance(still))) < 2e-9 * state.force
     relax = relaxed_stress(twin, still, twin.stress)
