@@ -12,7 +12,6 @@ import numpy as np
 from mpmath import mpf
 
 import granphon as gp
-from granphon.array.response import elasticity
 from granphon.array.sparse import SparseArray
 from tests.extreme_cases import STEEL, Case, D, coefficient, off
 
@@ -321,7 +320,7 @@ def samples_near_the_threshold() -> Iterator[float]:
             rest = sample.equilibrium
             array = SparseArray(rest.deviations, packing.structure)
             forces = array.forces(rest.overlap)
-            found = elasticity(rest, packing.mindlin_ratio)
+            found = rest.find_elasticity(packing.mindlin_ratio)
             tensor = array.elastic_tensor(forces, packing.mindlin_ratio)
             yield float(np.max(np.abs(rest.forces - forces)) / rest.force)
             yield float(np.max(np.abs(found - tensor)) / np.max(tensor))

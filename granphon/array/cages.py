@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
 from granphon.array.sparse_matrices import factorise
+from granphon.array.stencils import number_cells
 from granphon.array.true_geometry import ExactGeometry
 
 Array = NDArray[np.float64]

@@ -22,18 +22,19 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.conjugate_gradients import solve_for_motion
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.interior import approach
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils
+from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.steps import NewtonIterate, ReducedLoad, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
+from granphon.dynamics.long_waves import voigt_pairs
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
@@ -67,6 +68,8 @@ _SPOILT_LENGTH = 0.3
 CARRIED_FORCE = 10.0
 #: relative error of the linear response: that of the stiffness is its square, that of its slope of the same order
 _RESPONSE = 1e-8
+#: the same of elastic constants, where it enters squared, over the part of an affine strain's energy that is stored
+_ELASTIC = 1e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,7 +185,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
-        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - find_uniform_part(stiffness)], _RESPONSE)
+        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - _find_uniform_part(stiffness)], _RESPONSE)
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -203,8 +206,49 @@ class Equilibrium(Result):
         """
         return self._derivatives[1]
 
+    def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+        """Return the (n, n) elastic tensor of the array, in Voigt order, with springs at every contact that carries load.
 
-def find_uniform_part(stiffness: Array) -> float:
+        Under a small uniform strain each ball moves and turns until it is in balance again; the energy that the contacts
+        then store is the elastic energy. This rests on the contacts alone, without an effective medium or a conjecture about
+        friction. Springs against slip, twist and roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the
+        normal stiffness of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ..., Lp).
+        Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the linear response enters
+        squared. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
+        """
+        own, normal = self.stencils, self.stiffnesses
+        # the array has one ratio for all contacts, on which its preconditioner is built: the mean, weighted by stiffness
+        slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
+        eta, mean = (
+            float(np.sum(ratio * normal) / np.sum(normal)) if ratio.ndim else float(ratio) for ratio in (slip, twist)
+        )
+        if not eta:  # only shear turns balls that are strained: without it twist and roll store nothing
+            mean = bending = 0.0
+        stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
+        stiffness, n, p = stencils.weights(normal), stencils.n_contacts, len(own.shape)
+        if twist.ndim and stencils.motions.twist and mean:
+            first = len(stiffness) - (3 if bending else 1) * n  # the twist stands last, but for two rolls
+            stiffness[first : first + n] = twist * normal
+        if slip.ndim and eta:
+            for first in range(n, n * len(self.lattice.vectors), n):  # one slip in a plane, two in space
+                stiffness[first : first + n] = slip * normal
+        gradients = stencils.strains()
+        unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
+        affine = unit[(..., *(None,) * p)]
+        # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
+        even = _find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
+        means = stencils.weights(np.full((n, *(1,) * p), even))
+        motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine), _ELASTIC)
+        own.forget()  # many samples may be kept, each with a large Green's function
+        tensor = np.zeros((len(affine), len(affine)))
+        for a, motion in enumerate(motions):
+            tension = stiffness * (affine[a] - stencils.operator.deform(motion))
+            for b, other in enumerate(motions[: a + 1]):  # found again for each pair: all together would take much memory
+                tensor[a, b] = tensor[b, a] = dot(tension, affine[b] - stencils.operator.deform(other))
+        return tensor / (self.lattice.measure * np.prod(stencils.shape))
+
+
+def _find_uniform_part(stiffness: Array) -> float:
     """Return a stiffness that may be subtracted from that of every contact in the response to a uniform strain.
 
     Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all contacts are closed, and so
@@ -281,7 +325,7 @@ def equilibrate(
         distance = here.distance(least, stencils)
         if distance <= tolerance:
             state = Equilibrium(
-                deviations=deviations, overlap=here.overlap, balls=_centre(here.balls, stencils),
+                deviations=deviations, overlap=here.overlap, balls=stencils.centre(here.balls),
                 residual=here.left / here.force, newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
@@ -321,10 +365,3 @@ def explain_too_small(force: float) -> InputError:
             "Raise the load",
         )
     )
-
-
-def _centre(balls: Array, stencils: Stencils) -> Array:
-    """Return the displacements minus their mean: a motion of the whole array costs nothing."""
-    fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
-    means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
-    return np.asarray((fields - means).reshape(balls.shape))

@@ -1,20 +1,28 @@
 """The law of contacts with friction that are pressed together and slip by small increments: Hertz, Mindlin and Coulomb.
 
-Units are those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). A contact of overlap h carries the normal force
-f = h_+^(3/2), with the stiffness k = (3/2) h_+^(1/2), and the tangential force T, a vector with one component for each slip.
+Units are those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). A contact of overlap h carries the normal force f =
+h_+^(3/2), with the stiffness k = (3/2) h_+^(1/2), and the tangential force T, a vector with one component for each slip.
 
 T follows the slip s by Mindlin's incremental law at the current overlap, dT = eta k(h) ds. Where the normal force falls, T
 is rescaled in proportion to k, dT = T dk/k + eta k ds, the rule of Thornton, Cummins and Cleary (Powder Technology 233, 30
 (2013)) and of ``mindlin_rescale`` in LAMMPS: without it a cycle could give energy away. Coulomb's limit |T| <= mu f is met
 by return mapping: what is too much is lost by sliding along T. A contact that opens forgets T.
 
-In a step h and s change together along a straight line. While h rises, the law has the mean of k over the part of the
-line where the contact is closed, which is df/dh between its ends; while h falls it integrates exactly with k at the end.
-Steps of sliding and of sticking contacts are then of second order, and a contact that opens or closes within the step needs
-no case of its own.
+In a step h and s change together along a straight line. While h rises, the law has the mean of k over the part of the line
+where the contact is closed, which is df/dh between its ends; while h falls it integrates exactly with k at the end. Steps of
+sliding and of sticking contacts are then of second order, and a contact that opens or closes within the step needs no case
+of its own.
 
-Energy: a contact stores (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2 |dk|/(2 eta k^2) by the
-law: where k rises under a given T, and where T is rescaled, slip is not given back. Neither loss is ever below zero.
+Energy: a contact stores (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2 |dk|/(2 eta k^2) by the law:
+where k rises under a given T, and where T is rescaled, slip is not given back. Neither loss is ever below zero.
+
+While h rises, T is linear in f until it comes to Coulomb's limit mu f; while h falls, the elastic slip T/(eta k) is linear
+in h until it comes to 2 mu h/(3 eta). So in a step both losses are integrals of powers of r = h^(1/2) over the parts of the
+line before and after that:
+
+    by sliding  int mu f |ds|        by the law  int T^2 |dk|/(2 eta k^2)
+
+They are exact where slips have one component. Where T turns as it slides, its direction at the end stands for those before.
 """
 
 from __future__ import annotations
@@ -26,8 +34,6 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-
-from granphon.array.losses import lose_falling, lose_rising
 
 Array = NDArray[np.float64]
 #: root of an overlap that stands for none where it divides
@@ -263,7 +269,7 @@ class FrictionLaw:
         """Return the mean energies that a contact loses in a step, by sliding and by the law, along its straight line."""
         slid = loosened = 0.0
         change, rises = after.overlaps - before.overlaps, after.roots > before.roots
-        for lose, chosen in ((lose_rising, rises), (lose_falling, ~rises & (before.roots > 0.0))):
+        for lose, chosen in ((_lose_rising, rises), (_lose_falling, ~rises & (before.roots > 0.0))):
             at = np.flatnonzero(chosen)
             old, new = before.roots.take(at), after.roots.take(at)
             bent, then, now = (one.reshape(len(one), -1)[:, at] for one in (before.bent, before.slips, after.slips))
@@ -284,3 +290,63 @@ def _norm(vectors: Array) -> Array:
     if len(vectors) == 1:
         return np.asarray(np.abs(vectors[0]))
     return np.asarray(np.sqrt(np.sum(vectors**2, axis=0)))
+
+
+def _lose_rising(old: Array, new: Array, bent: Array, slip: Array, eta: float, mu: float) -> tuple[Array, Array]:
+    """Return (n,) energies lost by sliding and by the law while h rises from ``old``^2 to ``new``^2.
+
+    ``bent`` (n_s, n) is T/r at first, and ``slip`` (n_s, n) the slip since then.
+    """
+    first, part = old * bent, (old * old + old * new + new * new) / np.maximum(old + new, _TINY)
+    more = eta * part * slip
+    cube = old**3
+    share, over, mu = _meet(first, more, mu, cube, new**3 - cube)
+    turn = np.clip(np.cbrt(cube + share * (new**3 - cube)), old, new)  # where it begins to slide
+    more *= share
+    three = np.maximum(old * old + old * turn + turn * turn, _TINY)
+    stuck = old * _dot(bent, bent) + (turn + 2.0 * old) * _dot(first, more) / three
+    stuck += (((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube) * _dot(more, more) / (5.0 * three * three)
+    stuck *= (turn - old) / (3.0 * eta * np.maximum(turn, _TINY))
+    five, three = _sum_powers(turn, new), turn * turn + turn * new + new * new
+    slid = 0.4 * (mu / eta) * over * five / np.maximum(three, _TINY)
+    return slid, stuck + (mu * mu / (15.0 * eta)) * (new - turn) * five
+
+
+def _lose_falling(old: Array, new: Array, bent: Array, slip: Array, eta: float, mu: float) -> tuple[Array, Array]:
+    """Return (n,) energies lost by sliding and by the law while h falls; see :func:`_lose_rising`."""
+    first, to_slip = bent / (1.5 * eta), 1.5 * eta
+    share, over, most = _meet(first, slip, mu / to_slip, old * old, new * new - old * old)
+    mu = to_slip * most
+    turn = np.clip(np.sqrt(np.maximum(old * old + share * (new * new - old * old), 0.0)), new, old)
+    more, both = share * slip, np.maximum(old + turn, _TINY)
+    stuck = _dot(first, first) + 2.0 * (2.0 * old + turn) * _dot(first, more) / (3.0 * both)
+    stuck += (8.0 * old * old + 9.0 * old * turn + 3.0 * turn * turn) * _dot(more, more) / (15.0 * both * both)
+    five = _sum_powers(turn, new)
+    slid = 0.4 * mu * over * five / np.maximum(turn + new, _TINY)
+    return slid, 0.75 * eta * (old - turn) * stuck + (mu * mu / (15.0 * eta)) * (turn - new) * five
+
+
+def _meet(first: Array, more: Array, mu: float, size: Array, rise: Array) -> tuple[Array, Array, float]:
+    """Return the part of the way at which ``|first + more|`` comes to mu (size + rise), and what is then above it.
+
+    The third is mu, or zero if that is infinite: then nothing is above it.
+    """
+    if mu == math.inf:
+        return np.ones_like(size), np.zeros_like(size), 0.0
+    limit, rise = mu * size, mu * rise
+    over = np.maximum(np.sqrt(_dot(first + more, first + more)) - (limit + rise), 0.0)
+    square, half = _dot(more, more) - rise * rise, _dot(first, more) - limit * rise
+    left = np.minimum(_dot(first, first) - limit * limit, 0.0)
+    root = np.sqrt(np.maximum(half * half - square * left, 0.0))
+    late = half <= 0.0  # T leaves the limit at first
+    share = np.where(late, root - half, -left) / np.maximum(np.where(late, square, half + root), _TINY)
+    return np.where(over > 0.0, np.minimum(share, 1.0), 1.0), over, mu
+
+
+def _sum_powers(a: Array, b: Array) -> Array:
+    """Return (a^5 - b^5)/(a - b)."""
+    return np.asarray((((a + b) * a + b * b) * a + b * b * b) * a + b * b * b * b)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("ic,ic->c", a, b))

@@ -23,10 +23,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.dashpots import relax_overdamped
+from granphon.array.dashpots import GAS, press_gas, relax_overdamped
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import FrictionLaw
-from granphon.array.gas import GAS, press_gas
 from granphon.array.geometry import Geometry, LatticeGeometry
 from granphon.array.load_step import SMALL_FRICTION
 from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, goes_on, weigh_states
@@ -71,7 +70,7 @@ class LoadingHistory:
     start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
         overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
         it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
-        see :mod:`granphon.array.gas`: a beginning for lattices that friction alone holds.
+        see :mod:`granphon.array.dashpots`: a beginning for lattices that friction alone holds.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
 
     Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
 from granphon.array.friction import Tangent
 from granphon.array.sparse_matrices import compose, factorise
-from granphon.array.stencils import Stencils
+from granphon.array.stencils import Stencils, number_cells
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -21,18 +21,16 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.contact_network import turn_frames
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.friction import SLIDES, Contacts, FrictionLaw
 from granphon.array.geometry import find_boundary_force
 from granphon.array.history import LoadingHistory
 from granphon.array.pressing import PressedArray
-from granphon.array.response import elasticity
-from granphon.array.sample import STEP, Sample, find_density
+from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.steps import ReducedLoad
+from granphon.array.true_equilibrium import find_exact_elasticity
 from granphon.array.true_geometry import ExactGeometry, ExactPlace
-from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.balls.hertz import reduce_by_slip
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
@@ -102,17 +100,11 @@ class PressedEquilibrium(Equilibrium):
         """Compatibility matrix C of the array, with slips."""
         return Stencils(self.stencils.shape, self.mindlin_ratio, self.stencils.workers, self.lattice)
 
-    def _move(self, stencils: Stencils) -> Array:
-        """Return the motion of the balls in the coordinates of ``stencils``."""
-        n = self.lattice.n_balls
-        parts = [part.reshape(n, -1, *stencils.shape) for part in (self.balls, self.rotations)]
-        return np.concatenate(parts, axis=1).reshape(stencils.n_fields, *stencils.shape)
-
     @cached_property
     def place(self) -> ExactPlace:
         """Configuration of the balls in the true geometry."""
         geometry = ExactGeometry(self.sheared, self.deviations, self.ratio)
-        return geometry.place(self._move(self.sheared), self.overlap)
+        return geometry.place(self.sheared.spread(self.balls, self.rotations), self.overlap)
 
     @property
     def differences(self) -> Array:
@@ -138,14 +130,14 @@ class PressedEquilibrium(Equilibrium):
     def contacts(self) -> Contacts:
         """State of the contacts, with the slips of a motion on the lattice: only changes of slips count."""
         stencils = self.sheared
-        slips = stencils.deformations(Motion(self._move(stencils), 0.0))[stencils.n_contacts :]
+        slips = stencils.deformations(Motion(stencils.spread(self.balls, self.rotations), 0.0))[stencils.n_contacts :]
         return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
 
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
         return PressedArray(
-            self.overlap, self._move(self.sheared), self.contacts, self.law, self.residual, self.work, self.slid,
-            self.loosened, self.damped, self.steps, self.newton, self.conjugate,
+            self.overlap, self.sheared.spread(self.balls, self.rotations), self.contacts, self.law, self.residual,
+            self.work, self.slid, self.loosened, self.damped, self.steps, self.newton, self.conjugate,
         )  # fmt: skip
 
     @property
@@ -165,30 +157,16 @@ class PressedEquilibrium(Equilibrium):
         part = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
         return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, part)
 
-    def find_elasticity(self, shear: Array, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+    def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
         """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of :meth:`shear_ratios`.
 
-        Other arguments, units and errors are those of :func:`granphon.array.response.elasticity`. In the true geometry it is
-        that of :func:`~granphon.array.true_response.find_elastic_tensor`, under the forces that act.
+        Other arguments, units and errors are those of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In
+        the true geometry it is that of :func:`~granphon.array.true_response.find_elastic_tensor`, under the forces that act.
         """
         if not self.ratio:
-            return elasticity(self, shear, torsion, bending)
-        normal, own = self.stiffnesses, self.stencils
-        twist = np.broadcast_to(np.asarray(torsion, float), normal.shape)
-        mean = float(np.sum(twist * normal) / np.sum(normal))
-        stencils = Stencils(own.shape, self.mindlin_ratio, own.workers, self.lattice, mean, bending)
-        place = ExactGeometry(stencils, self.deviations, self.ratio).place(self._move(stencils), self.overlap)
-        springs, n = stencils.weights(normal), stencils.n_contacts
-        for first in range(n, n * len(stencils.shape), n):
-            springs[first : first + n] = shear * normal
-        carries = normal > 0.0
-
-        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
-            return normal * loss, shear * normal * slip
-
-        rolling = twist * normal, bending * normal
-        acting = ActingForces(law, springs, carries * self.forces, carries * self.shears, rolling)
-        return find_elastic_tensor(place, acting, stencils)
+            return super().find_elasticity(shear, torsion, bending)
+        own, parts = np.asarray(shear, float), (self.shears, self.rotations)
+        return find_exact_elasticity(self, self.ratio, self.mindlin_ratio, own, torsion, bending, *parts)
 
     @property
     def tangential_parts(self) -> tuple[Any, Any, Any]:

@@ -9,21 +9,22 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
-from granphon.array.contact_network import make_network
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
-from granphon.array.response import elasticity
 from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.array.true_geometry import ExactPlace
+from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
+from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -198,13 +199,54 @@ class Sample(Result):
         """
         return self._make_network()
 
-    def _make_network(self, shear: Array | None = None, tangential: Array | None = None) -> ContactNetwork:
-        here = self.equilibrium
+    def _make_network(self, shear: ArrayLike | None = None, tangential: Array | None = None) -> ContactNetwork:
+        """Return the network; ``shear`` are ratios of tangential to normal stiffness, those of the packing if None.
+
+        ``tangential`` (L1, ..., Lp, n_c, p) are tangential forces of ball i on ball j, N; None if contacts have none, which
+        are zeros under prestress.
+        """
+        packing, here = self.packing, self.equilibrium
+        exact: ExactPlace | None = getattr(here, "place", None) if self.is_exact else None
+        diameters, force = self.diameters, self.contact_forces
         stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
-        places = self.packing.diameter * self._shrinkage * self.sites + self.displacements
-        exact = getattr(here, "place", None) if self.is_exact else None
-        given = self.packing, places, self.diameters, self.contact_forces, stiffness, shear, tangential
-        return make_network(*given, exact)
+        positions = packing.diameter * self._shrinkage * self.sites + self.displacements
+        structure, table, d = packing.structure, packing.structure.contacts, packing.diameter
+        n, p, shape = structure.n_balls, structure.periods, force.shape[:-1]
+        cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 1, p)
+        steps = cells + table.shift  # (cells, n_c, p) cell of ball j
+        number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, shape), -1, 0)), shape)
+        live = stiffness.reshape(number.shape) > 0.0
+        shift, normal = np.zeros((*number.shape, 3), int), np.zeros((*number.shape, 3))
+        shift[..., :p], normal[..., : structure.dimension] = np.floor_divide(steps, shape), table.normal
+        places, cell = np.zeros((diameters.size, 3)), np.zeros((3, 3))
+        places[:, :p], cell[:p, :p] = positions.reshape(-1, p), d * structure.vectors[:, :p] * np.array(shape)[:, None]
+        arms = [np.broadcast_to(d * arm, number.shape) for arm in (table.arm_i, table.arm_j)]
+        if exact is not None:
+            cell *= 1.0 - exact.geometry.ratio * exact.overlap
+            normal = turn_frames(packing, exact.normal, shape).reshape(normal.shape)
+            reach = [0.5 * exact.size + sign * exact.geometry.uneven for sign in (-1.0, 1.0)]
+            arms = [d * np.moveaxis(arm, 0, -1).reshape(number.shape) for arm in reach]
+        arm_i, arm_j = (arm[live] for arm in arms)
+        carried, spring = (values.reshape(number.shape)[live] for values in (force, stiffness))
+        eta = packing.mindlin_ratio if shear is None else shear
+        ratio = np.broadcast_to(eta, (*shape, len(table))).reshape(number.shape)[live]
+        across = None
+        if tangential is not None or exact is not None:
+            across = np.zeros((len(carried), 3))
+        if tangential is not None and across is not None:
+            across[:, :p] = tangential.reshape(*number.shape, p)[live]
+        mass, twist = np.full(len(places), packing.mass), packing.find_torsion(carried, spring)
+        return ContactNetwork(
+            cell=cell, pbc=(p > 0, p > 1, p > 2), positions=places, radii=0.5 * diameters.ravel(), masses=mass,
+            inertias=(GYRATION * d) ** 2 * mass, i=(n * np.arange(len(cells))[:, None] + table.i)[live],
+            j=(n * number + table.j)[live], shift=shift[live], normal=normal[live],
+            normal_force=carried, normal_stiffness=spring,
+            shear_stiffness=ratio * spring, torsion_stiffness=twist * d * d * spring,
+            bending_stiffness=packing.bending * d * d * spring, arm_i=arm_i, arm_j=arm_j,
+            motions=packing.named_motions.name, dimension=structure.dimension, prestress=exact is not None,
+            lattice=structure if exact is None else None, shape=shape if exact is None else None,
+            tangential_force=across,
+        )  # fmt: skip
 
     @property
     def is_exact(self) -> bool:
@@ -227,10 +269,7 @@ class Sample(Result):
 
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
         """Return the elastic tensor in the units of the equilibrium."""
-        given = self.packing.mindlin_ratio, torsion, self.packing.bending
-        if isinstance(equilibrium, TrueEquilibrium):
-            return equilibrium.find_elasticity(*given)
-        return elasticity(equilibrium, *given)
+        return equilibrium.find_elasticity(self.packing.mindlin_ratio, torsion, self.packing.bending)
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
@@ -260,6 +299,17 @@ class Sample(Result):
         balls.set_array("contacts", self._order(stencils.around((forces > LEAST_CONTACT).astype(int))).ravel())
         balls.info["relative_overlap"] = self.overlap / d
         return balls
+
+
+def turn_frames(packing: Packing, vectors: tuple[Any, Any, Any], shape: tuple[int, ...]) -> Array:
+    """Return vectors of contacts in space, (L1, ..., Lp, n_c, 3).
+
+    They are given by their components along each contact's direction on the lattice and its two tangents there, each a
+    number or (n_c, L1, ..., Lp).
+    """
+    frames = np.array(contact_frames(packing.structure.contacts.normal))  # (3, 3, n_c)
+    parts = np.array([np.broadcast_to(part, (frames.shape[2], *shape)) for part in vectors])
+    return np.asarray(np.einsum("kc...,kxc->...cx", parts, frames))
 
 
 def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.array_rows import find_basis, number_cells, project_rows
 from granphon.array.block_jacobi import invert_blocks
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.array.green import green_function, green_inverse
@@ -38,6 +37,8 @@ _LEAST_LOCAL = 1e-5
 _DAMPED = 0.8
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
 _UNEVEN = 0.1
+#: least sine of the angle between a normal and those before it, for displacements to be projected on it
+_INDEPENDENT = 0.1
 
 
 class Motion(NamedTuple):
@@ -76,7 +77,7 @@ class Stencils:
         #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
         self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
         #: (p, p) unit vectors, as rows, on which displacements are projected
-        self.basis = find_basis(normal)
+        self.basis = _find_basis(normal)
         self._kinds = contact_rows(
             normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
         )
@@ -106,7 +107,7 @@ class Stencils:
     @cached_property
     def coefficients(self) -> Array:
         """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
-        return project_rows(self._kinds, self.ends, self.basis, self.n_fields)
+        return _project_rows(self._kinds, self.ends, self.basis, self.n_fields)
 
     @cached_property
     def operator(self) -> ContactOperator:
@@ -198,6 +199,21 @@ class Stencils:
     def cartesian(self, forces: Array) -> Array:
         """Return (p, *ball_shape) forces along the axes of space, from those in the coordinates of motions."""
         return self._turn(self.basis.T, forces)
+
+    def spread(self, displacements: Array, rotations: Array | None = None) -> Array:
+        """Return the motion (fields, L1, ..., Lp) of displacements (n p, L1, ..., Lp) and rotations, if there are any."""
+        fields = np.zeros((self.n_balls, self.motions.count, *self.shape))
+        fields[:, self.motions.translating] = displacements.reshape(self.n_balls, -1, *self.shape)
+        if rotations is not None:
+            fields[:, self.motions.turning] = rotations.reshape(self.n_balls, -1, *self.shape)
+        return fields.reshape(self.n_fields, *self.shape)
+
+    def centre(self, balls: Array) -> Array:
+        """Return motions less the mean displacement, or forces less the mean force: nothing resists those of the whole."""
+        fields = balls.reshape(self.n_balls, self.motions.count, *self.shape).copy()
+        moved = fields[:, self.motions.translating]
+        moved -= np.mean(moved, axis=(0, *range(2, moved.ndim)), keepdims=True)
+        return fields.reshape(balls.shape)
 
     def _turn(self, matrix: Array, fields: Array) -> Array:
         """Apply a (p, p) matrix to the displacements, or to the forces against them, of each ball."""
@@ -303,3 +319,47 @@ def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
+
+
+def _find_basis(normal: Array) -> Array:
+    """Return the first normals of contacts (n_c, p) that are independent, as the rows of a (p, p) matrix."""
+    chosen: list[Array] = []
+    for vector in normal:
+        rest = vector - sum((unit @ vector * unit for unit in _orthonormal(chosen)), np.zeros_like(vector))
+        if len(chosen) < len(vector) and np.linalg.norm(rest) > _INDEPENDENT:
+            chosen.append(vector)
+    return np.array(chosen)
+
+
+def _project_rows(kinds: Sequence[Row], ends: Sequence[tuple[int, int]], basis: Array, fields: int) -> Array:
+    """Return (2, rows, fields) coefficients of motions in the cell of ball j, then in that of ball i.
+
+    Each of the ``kinds`` comes for all contacts, between the balls ``ends`` (i, j) of the cell. Displacements are those
+    along the rows of the ``basis``.
+    """
+    p, n, found = len(basis), len(ends), np.zeros((2, len(kinds) * len(ends), fields))
+    for place, kind in enumerate(kinds):
+        m = np.shape(kind.head)[-1]
+        project = np.eye(m)
+        project[:p, :p] = np.linalg.inv(basis)
+        for at, coefficients in enumerate((kind.head @ project, kind.tail @ project)):
+            for contact, (ball, line) in enumerate(zip(ends, _round_coefficients(coefficients), strict=True)):
+                first = m * ball[1 - at]
+                found[at, place * n + contact, first : first + m] = line
+    return found
+
+
+def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
+    """Return (shifts, cells) numbers of the cells that are each shift away from each cell of a periodic array."""
+    cells = np.arange(math.prod(shape)).reshape(shape)
+    return np.stack([np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts])
+
+
+def _orthonormal(vectors: list[Array]) -> list[Array]:
+    return list(np.linalg.qr(np.array(vectors).T)[0].T) if vectors else []
+
+
+def _round_coefficients(coefficients: Array) -> Array:
+    """Round coefficients that differ from whole numbers by rounding only."""
+    near = np.rint(coefficients)
+    return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)

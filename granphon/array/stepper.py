@@ -65,11 +65,7 @@ class Stepper:
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
         """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential forces."""
-        stencils = self.geometry.stencils
-        cells, shape = stencils.n_balls, stencils.shape
-        balls = np.zeros((cells, stencils.motions.count, *shape))
-        balls[:, stencils.motions.translating] = displacements.reshape(cells, -1, *shape)
-        motion = balls.reshape(stencils.n_fields, *shape)
+        motion = self.geometry.stencils.spread(displacements)
         overlaps, slips = self.geometry.begin(motion, overlap)
         contacts = Contacts(overlaps, slips, np.zeros_like(slips))
         return PressedArray(overlap, motion, contacts, self.law, residual)

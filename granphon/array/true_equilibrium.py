@@ -161,30 +161,43 @@ class TrueEquilibrium(Equilibrium):
         )
         return (down[0] if down else None), taken
 
-    def find_elasticity(self, mindlin_ratio: float, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
-        """Return the (n, n) elastic tensor, in Voigt order, with springs at every contact that carries load.
+    def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+        """Return the (n, n) elastic tensor with springs at every contact that carries load, ``shear`` (eta) being a number.
 
-        Arguments, units and errors are those of :func:`granphon.array.response.elasticity`. Prestress is included; the
-        result is as :func:`~granphon.array.true_response.find_elastic_tensor` says.
+        Prestress is included; see :meth:`granphon.array.equilibrium.Equilibrium.find_elasticity` and
+        :func:`~granphon.array.true_response.find_elastic_tensor`.
         """
-        if not mindlin_ratio:  # only shear turns balls that are strained: without it twist and roll store nothing
+        if not shear:  # only shear turns balls that are strained: without it twist and roll store nothing
             return find_elastic_tensor(self.place, self._act(), self.stencils)
-        normal, own = self.stiffnesses, self.stencils
-        twist = np.broadcast_to(np.asarray(torsion, float), normal.shape)
-        mean = float(np.sum(twist * normal) / np.sum(normal))
-        stencils = Stencils(own.shape, mindlin_ratio, own.workers, self.lattice, mean, bending)
-        geometry = ExactGeometry(stencils, self.deviations, self.ratio)
-        fields = np.zeros((stencils.n_balls, stencils.motions.count, *stencils.shape))
-        fields[:, stencils.motions.translating] = self.balls.reshape(stencils.n_balls, -1, *stencils.shape)
-        place = geometry.place(fields.reshape(stencils.n_fields, *stencils.shape), self.overlap)
-        shears = np.zeros((len(stencils.shape) - 1, *normal.shape))
+        eta = float(np.asarray(shear))
+        return find_exact_elasticity(self, self.ratio, eta, eta, torsion, bending)
 
-        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
-            return normal * loss, mindlin_ratio * normal * slip
 
-        forces = np.where(normal > 0.0, self.forces, 0.0)
-        acting = ActingForces(law, stencils.weights(normal), forces, shears, (twist * normal, bending * normal))
-        return find_elastic_tensor(place, acting, stencils)
+def find_exact_elasticity(
+    state: Equilibrium, ratio: float, eta: float, shear: float | Array, torsion: ArrayLike, bending: float,
+    shears: Array | None = None, rotations: Array | None = None,
+) -> Array:  # fmt: skip
+    """Return the elastic tensor of a state at rest in the true geometry, W/d being the ``ratio``, under the forces that act.
+
+    Contacts have the mean ratio ``eta`` of the shear stiffness, and their own ``shear``; ``shears`` are their tangential
+    forces, and ``rotations`` those of the balls, if there are any. Other arguments are those of
+    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`.
+    """
+    normal, own = state.stiffnesses, state.stencils
+    carries, twist = normal > 0.0, np.broadcast_to(np.asarray(torsion, float), normal.shape)
+    mean = float(np.sum(twist * normal) / np.sum(normal))
+    stencils = Stencils(own.shape, eta, own.workers, state.lattice, mean, bending)
+    place = ExactGeometry(stencils, state.deviations, ratio).place(stencils.spread(state.balls, rotations), state.overlap)
+    springs, n, p = stencils.weights(normal), stencils.n_contacts, len(stencils.shape)
+    for first in range(n, n * p, n):
+        springs[first : first + n] = shear * normal
+    tangential = np.zeros((p - 1, *normal.shape)) if shears is None else carries * shears
+
+    def law(loss: Array, slip: Array) -> tuple[Array, Array]:
+        return normal * loss, shear * normal * slip
+
+    acting = ActingForces(law, springs, carries * state.forces, tangential, (twist * normal, bending * normal))
+    return find_elastic_tensor(place, acting, stencils)
 
 
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -309,7 +322,7 @@ class _Path:
         """Return the state at rest if its energy is least; if not, a trial from where to go on, downhill from a saddle."""
         geometry, stencils = self._geometry, self._geometry.stencils
         state = TrueEquilibrium(
-            deviations=self._start.deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils),
+            deviations=self._start.deviations, overlap=trial.overlap, balls=stencils.centre(trial.balls),
             residual=trial.left, lattice=stencils.lattice, ratio=geometry.ratio,
         )  # fmt: skip
         inverse = self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
@@ -385,10 +398,3 @@ def _go_down(geometry: ExactGeometry, trial: _Trial, way: Array, load: ReducedLo
             break
         there = ahead
     return there
-
-
-def _centre(balls: Array, stencils: Stencils) -> Array:
-    """Return the displacements minus their mean."""
-    fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
-    means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
-    return np.asarray((fields - means).reshape(balls.shape))

@@ -3,25 +3,30 @@
 What changes forces by a small motion is C^T D C and the forces that act, which turn with their contacts
 (:meth:`granphon.array.true_geometry.ExactPlace.respond`). Without tangential forces the operator is symmetric, and conjugate
 gradients solve it; with them GMRES does. The lattice's Green's function, or the factors of
-:mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d. Where that
-part is all that holds some motions, the factors of :mod:`granphon.array.true_inverse` serve.
+:mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d. A ball whose
+contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the forces that act
+and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these, and iterations
+with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of the lattice. In
+space rows of balls roll, of which a ball alone knows nothing: there the whole matrix is factorised (sparse LU). The matrix
+of a small array is factorised at once, which takes less time than iterations without factors; that of a larger one where
+iterations do not come to an end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array import sparse_matrices
 from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.geometry import Inverse, Law
-from granphon.array.preconditioners import Preconditioners
+from granphon.array.preconditioners import Preconditioners, compose_rows
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_geometry import ExactPlace
-from granphon.array.true_inverse import HOLDING, can_factorise, compose, factorise, invert_balls, is_small
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
@@ -35,6 +40,15 @@ _RESPONSE = 1e-7
 _KEPT, _PATIENCE = 60, 4
 #: fraction of a force that rounding may leave unbalanced
 _NOISE = 1e-14
+#: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
+#: time than iterations without, by trial
+_MOST_AT_ONCE = (2**10, 2**9)
+#: the same where iterations without factors do not come to an end. In space the time grows as the power 2.5 of it: 1000
+#: balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
+_MOST_BALLS = (2**14, 2**11)
+#: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
+#: like gears, and what is left of torques, rounding among it, would turn them without limit
+_HOLDING = 1e-10
 
 
 class ActingForces(NamedTuple):
@@ -65,8 +79,8 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     """
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    wanted = is_small(frame) if symmetric else can_factorise(frame)
-    matrix = compose(frame, stiff, _tabulate(place, acting)) if wanted else None
+    wanted = _is_small(frame) if symmetric else _can_factorise(frame)
+    matrix = _compose(frame, stiff, _tabulate(place, acting)) if wanted else None
     inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
     inverse, most = next(inverses)
     product = frame.couple(np.array(list(_tabulate(place, acting)))) if symmetric else None
@@ -78,7 +92,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
             return np.asarray(matrix @ vector)
         motion = Motion(vector.reshape(shape), 0.0)
         change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
-        return np.ravel(change) + HOLDING * stiff * vector
+        return np.ravel(change) + _HOLDING * stiff * vector
 
     def precondition(vector: Array) -> Array:
         return np.ravel(inverse(vector.reshape(shape)))
@@ -117,16 +131,16 @@ def _offer_inverses(
     ``matrix`` is None where it is not to be factorised.
     """
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
-    if matrix is not None and is_small(frame) and (factors := factorise(frame, matrix, symmetric)):
+    if matrix is not None and _is_small(frame) and (factors := _factorise(frame, matrix, symmetric)):
         yield factors, _RESPONSE_STEPS
         return
     whole = Preconditioners(stencils).choose(acting.springs, hard=True)
     if symmetric:
         yield whole, _RESPONSE_STEPS
         return
-    alone = invert_balls(frame, stiff, _tabulate(place, acting))
+    alone = _invert_balls(frame, stiff, _tabulate(place, acting))
     yield lambda force: whole(force) + alone(force), _RESPONSE_STEPS if matrix is None else _PATIENCE * _KEPT
-    if matrix is not None and (factors := factorise(frame, matrix)):
+    if matrix is not None and (factors := _factorise(frame, matrix)):
         yield factors, _RESPONSE_STEPS
 
 
@@ -190,3 +204,63 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
             tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
     tensor /= measure
     return np.asarray(0.5 * (tensor + tensor.T))
+
+
+def _is_small(stencils: Stencils) -> bool:
+    """Return whether an array is so small that factors of its matrix cost less than iterations without."""
+    return _can_factorise(stencils, _MOST_AT_ONCE)
+
+
+def _can_factorise(stencils: Stencils, most: Sequence[int] = _MOST_BALLS) -> bool:
+    """Return whether an array has no more balls than ``most``, which is given for a plane and for space."""
+    return math.prod(stencils.shape) * stencils.n_balls <= most[len(stencils.shape) - 2]
+
+
+def _compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
+    """Return the whole matrix, sparse, with what holds motions that nothing holds; fields are one after the other.
+
+    ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
+    ``stiffness`` is the mean one of contacts.
+    """
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
+
+    i, j = frame.ends_of_rows()
+    number = np.arange(j.size)
+    head, tail = frame.coefficients
+    c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
+    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
+    of_contact = number.reshape(1, len(columns), -1)
+    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
+    return (c.T.tocsr() @ (d @ c) + _HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
+
+
+def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
+    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``.
+
+    If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are not all above zero.
+    """
+    factors = sparse_matrices.factorise(matrix, pivot=0.0 if symmetric else 0.1)
+    if symmetric and not (np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)):
+        return None
+
+    return lambda force: frame.centre(np.asarray(factors.solve(frame.centre(force).ravel())).reshape(force.shape))
+
+
+def _invert_balls(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
+    """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`_compose`."""
+    count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
+    head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
+    blocks = np.zeros((count, count, frame.n_balls, *frame.shape))
+    for row, forces in enumerate(tables):
+        for kind, (shift, (i, j)) in enumerate(zip(frame.shifts, frame.ends, strict=True)):
+            for end, rows, step in ((i, tail[:, kind, i], (0,) * len(shift)), (j, head[:, kind, j], shift)):
+                found = np.roll(np.tensordot(rows, forces[:, kind], (0, 0)), step, axes)
+                blocks[:, :, end] += found[:, None] * rows[row].reshape(-1, *(1,) * len(shift))
+    by_ball = np.moveaxis(blocks.reshape(count, count, -1), 2, 0)
+    inverse = np.linalg.inv(by_ball + _HOLDING * stiffness * np.eye(count))
+
+    def apply(force: Array) -> Array:
+        forces = force.reshape(frame.n_balls, count, -1).swapaxes(1, 2).reshape(-1, count, 1)
+        return (inverse @ forces).reshape(frame.n_balls, -1, count).swapaxes(1, 2).reshape(force.shape)
+
+    return apply

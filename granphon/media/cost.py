@@ -4,8 +4,11 @@ Memory follows from the arrays. The time of a simulation is the processor's time
 when it is needed, times factors for the size, the lattice and the load: the nearer the rigidity threshold, the more steps an
 equilibrium takes, and a step of few balls takes hardly less than one of thousands. The factors were fitted to runs of 8^2
 to 192^2 balls on the triangular lattice between f* = 0.002 and 2, and of 4^3 to 24^3 cells in fcc between 0.03 and 2, on
-the lattice and in the exact geometry. The estimate is within a factor of two and a half of them; below f* = 0.02 large
-arrays may take up to five times as long.
+the lattice and in the exact geometry. The estimate is within a factor of three of them; below f* = 0.02 large arrays may
+take up to five times as long. That of loading with friction is the number of steps of the load times that of iterations of
+GMRES in each, which were counted in arrays of 16^2 to 128^2 balls, and of 8^3 and 14^3 in fcc, with mu from 0.02 to infinity
+and zero, from a* = 1/2 to 0.52 to 1.5 in one load and in ten, with tolerances of the steps from 1e-2 to 1e-5: it is within a
+factor of four of these counts.
 Bands, densities of states, force constants and sweeps were measured on one processor at 2 to 3 GHz: memory (arrays, as
 Python's tracemalloc counts them) is right within a factor of about two, time within a factor of five.
 """
@@ -29,7 +32,6 @@ from granphon.array.steps import ReducedLoad
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.media.history_cost import estimate_history
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.typical_arrays import estimate_reduced_force, estimate_spacing, find_spacing
@@ -59,23 +61,37 @@ _SAMPLE_BYTES = 8.0
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 #: least f* of an estimate
 _LEAST_FORCE = 5e-5
-#: time of an equilibrium per ball with one, two and three periods, over that on the triangular lattice
-_LATTICE_TIME = {1: 0.4, 2: 1.0, 3: 2.5}
+#: time of a state per ball, its equilibrium and its linear response, over that of the equilibrium of the small sample: with
+#: one, two and three periods, without rotations and with them
+_STATE_TIME = {1: (0.5, 0.5), 2: (1.5, 1.8), 3: (4.5, 8.0)}
 #: number of balls of an array whose steps take twice as long as for the balls alone
 _FEW_BALLS = 4500.0
-#: time of a linear response without rotations over that of its equilibrium
-_RESPONSE_TIME = {1: 0.2, 2: 0.5, 3: 0.8}
-#: time of a linear response with rotations over that of its equilibrium
-_ROTATING_RESPONSE_TIME = {2: 0.8, 3: 2.2}
 #: part by which each further ball of the cell makes the time per ball longer
 _FURTHER_BALL_TIME = 0.4
-#: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
-_BESIDE_TIME = 0.6
-#: times of an equilibrium and of a response in the exact geometry over those on the lattice, and f* below which that of an
-#: equilibrium grows as 1/f*^(1/2): more balls are loose
+#: time of a state with its exponent, for which two neighbouring states are found, over that of the state
+_EXPONENT_TIME = 2.6
+#: time of a state in the exact geometry over that on the lattice, and f* below which it grows as 1/f*^(1/2): more balls are
+#: loose
 _EXACT_TIME = 4.0
-_EXACT_RESPONSE_TIME = 3.5
 _LOOSE_FORCE = 0.03
+#: steps of the load for each unit of a*, at the tolerance 1e-4; they grow as its inverse root
+_STEPS = 30.0
+#: steps from the gas to where an array stands, and to the neighbouring loads for an exponent
+_GAS_STEPS, _BESIDE_STEPS = 200.0, 3.0
+#: longest way in a* from one load to the next that counts
+_MOST_WAY = 0.5
+#: iterations of GMRES in a step are these, times N^0.2 of N balls, without a limit on T ...
+_ITERATIONS = 8.0
+#: ... and with Coulomb's limit more by this part of (N/1024)^0.35/mu^(3/2)
+_SLIDING = 0.035
+#: time of an iteration per ball with two and three periods in a large array, over that of the equilibrium of the small
+#: sample; and the number of balls of an array in which it is twice as long
+_ITERATION_TIME = {2: 0.07, 3: 0.18}
+_FEW_LOADED_BALLS = 2300.0
+#: time of an iteration in the exact geometry, over that on the lattice
+_EXACT_ITERATION_TIME = 3.0
+#: least mu above zero, and least tolerance of steps, that were counted: below them an estimate is a lower bound
+_LEAST_FRICTION, _LEAST_TOLERANCE = 0.02, 1e-5
 #: bytes for each ball while a path is worked on, with two and three periods
 _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
 #: bytes for each ball of each state of a path that is kept
@@ -258,13 +274,8 @@ def _read_lines(path: Path) -> list[str]:
 # -- simulations ----------------------------------------------------------------------------------------------------
 
 
-def estimate(
-    simulation: DirectSimulation,
-    load: Load,
-    moduli: bool = True,
-    exponents: bool = False,
-) -> Cost:
-    """Estimate memory and time of the states at a load, and of their ``moduli``, on one processor of this machine.
+def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) -> Cost:
+    """Estimate memory and time of the states at a load, with their moduli, on one processor of this machine.
 
     With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and their moduli, from which the
     local exponent is found. A load below the rigidity threshold is taken to be at the threshold. With a history of friction
@@ -272,10 +283,10 @@ def estimate(
     """
     if simulation.geometry is None:
         parts = simulation.by_geometry(load)
-        return sum((estimate(one, load.flat[places], moduli, exponents) for one, places in parts), Cost())
-    balls, count = simulation.balls, load.size * simulation.samples
+        return sum((estimate(one, load.flat[places], exponents) for one, places in parts), Cost())
+    balls, count, history = simulation.balls, load.size * simulation.samples, simulation.history
     packing, structure = simulation.packing, simulation.packing.structure
-    turning, periods = moduli and packing.ball_motions.rotate, structure.periods
+    turning, periods = packing.ball_motions.rotate, structure.periods
     motions = packing.ball_motions.count if turning else periods
     green = _GREEN_BYTES * structure.n_balls * motions**2
     kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES[periods] * (count - 1)
@@ -285,34 +296,41 @@ def estimate(
     force = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
     if periods > 1 and np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[periods - 1]:
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
-    # on a line no contact opens, and no load is near a threshold
-    rest = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE))
-    rest = rest / _estimate_effort(_SMALL_FORCE)
-    slow = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
-    linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0 * rest
-    if simulation.is_exact:
-        loose = np.sqrt(np.maximum(_LOOSE_FORCE / force, 1.0)) if periods > 1 else 1.0
-        rest, linear = _EXACT_TIME * loose * rest, _EXACT_RESPONSE_TIME * linear
     exponents = exponents and packing.spread_matters
-    beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
-    work, bounds = slow * float(np.sum(rest + linear + beside)), False
-    if (loading := simulation.history).is_loaded:
+    if history.is_loaded:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
-        spacings = estimate_spacing(packing, load.applied)
-        path = spacings if loading.ordered else np.sort(spacings)
-        work, bounds = estimate_history(loading, balls, path, _find_start(simulation), exponents, simulation.is_exact)
-        work += (1.0 + 2.0 * exponents) * float(np.sum(linear))
-    work *= _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
-    count *= 1 + 2 * exponents
-    return Cost(memory, work=work * balls * simulation.samples, balls=balls, equilibria=count, bounds=bounds)
+        work = _count_iterations(simulation, load, exponents) * _ITERATION_TIME[periods]
+        work *= (1.0 + _FEW_LOADED_BALLS / balls) * (_EXACT_ITERATION_TIME if simulation.is_exact else 1.0)
+    else:
+        # on a line no contact opens, and no load is near a threshold
+        each = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE)) / _estimate_effort(_SMALL_FORCE)
+        if simulation.is_exact:
+            each = _EXACT_TIME * np.sqrt(np.maximum(_LOOSE_FORCE / force, 1.0)) * each
+        work = float(np.sum(each)) * _STATE_TIME[periods][turning] * (_EXPONENT_TIME if exponents else 1.0)
+        work *= (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
+    work *= (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1)) * balls * simulation.samples
+    mu = history.friction_coefficient or 0.0
+    bounds = history.from_gas or 0.0 < mu < _LEAST_FRICTION or history.step_tolerance < _LEAST_TOLERANCE
+    return Cost(memory, work=work, balls=balls, equilibria=count * (1 + 2 * exponents), bounds=bounds)
 
 
-def _find_start(simulation: DirectSimulation) -> float:
-    """Return the approximate a* at which a history starts; that of the default for the gas, whose own is not known."""
-    packing, start = simulation.packing, simulation.history.reduce_start(simulation.packing, simulation.is_exact)
-    if not isinstance(start, ReducedLoad):
-        return START_SPACING
-    return float(find_spacing(packing, np.array([start.force]))[0]) if start.overlap is None else start.overlap + 0.5
+def _count_iterations(simulation: DirectSimulation, load: Load, exponents: bool = False) -> float:
+    """Return about how many iterations of GMRES it takes to load a sample with friction, at all values of a load."""
+    packing, history, balls = simulation.packing, simulation.history, simulation.balls
+    path, start = estimate_spacing(packing, load.applied), history.reduce_start(packing, simulation.is_exact)
+    path = path if history.ordered else np.sort(path)
+    begin = START_SPACING  # also for the gas, whose own is not known
+    if isinstance(start, ReducedLoad):
+        known = find_spacing(packing, np.array([start.force]))[0] if start.overlap is None else start.overlap + 0.5
+        begin = float(known)
+    ways = np.minimum(np.abs(np.diff(path, prepend=begin)), _MOST_WAY)
+    steps = float(np.sum(np.maximum(_STEPS * ways * math.sqrt(1e-4 / history.step_tolerance), 1.0)))
+    steps += _BESIDE_STEPS * len(path) * exponents + _GAS_STEPS * history.from_gas
+    sliding, mu = 0.0, history.friction_coefficient or 0.0
+    if 0.0 < mu < math.inf:
+        held = max(mu, _LEAST_FRICTION)
+        sliding = _SLIDING * (balls / 1024.0) ** 0.35 / held / math.sqrt(held)
+    return float(steps * _ITERATIONS * balls**0.2 * (1.0 + sliding))
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:

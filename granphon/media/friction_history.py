@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from granphon.array.gas import GAS
+from granphon.array.dashpots import GAS
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING
 from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.array.steps import ReducedLoad

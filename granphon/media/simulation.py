@@ -2,7 +2,7 @@
 
 Section III of Velicky and Caroli replaces the array by an average one. Here a periodic sample of L1 x L2 balls is simulated.
 Its mechanical equilibrium is found without friction (:mod:`granphon.array.equilibrium`); its linear response
-(:mod:`granphon.array.response`) then has shear springs at every contact that carries load.
+(:mod:`granphon.array.linear_response`) then has shear springs at every contact that carries load.
 """
 
 from __future__ import annotations

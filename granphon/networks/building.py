@@ -60,19 +60,6 @@ class Balls:
     labels: Index | None = None
     rounding: float | None = None
 
-    def check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for a place or radius with which one cannot reckon."""
-        placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
-        still = np.zeros(len(placed), bool) if self.masses is None else np.isinf(self.masses)
-        sized = (self.radii > 0.0) & ((self.radii < LARGEST) | (still & np.isinf(self.radii)))
-        for fine, name in ((placed, "place"), (sized, "radius")):
-            if not np.all(fine):
-                ball = int(np.argmin(fine))
-                value = self.positions[ball].tolist() if name == "place" else float(self.radii[ball])
-                number = ball if self.labels is None else int(self.labels[ball])
-                why = "Only a body that does not move may have a radius of inf" if value == math.inf else ""
-                raise InputError(message(f"{self.name}: ball {number} has the {name} {value} m", why))
-
 
 @dataclass(frozen=True)
 class Contacts:
@@ -96,13 +83,6 @@ class Contacts:
     bending_stiffness: Array | None = None
     arm_i: Array | None = None
     arm_j: Array | None = None
-
-    def check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for a vector or shift with which one cannot reckon."""
-        if self.vector is not None:
-            self.refuse(~np.all(np.abs(self.vector) < LARGEST, axis=1), "has a vector that is not finite, or too large")
-        if self.shift is not None:
-            self.refuse(~np.all(np.abs(self.shift) <= MOST_STEPS, axis=1), f"has a shift of more than {MOST_STEPS} cells")
 
     def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
         """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
@@ -146,8 +126,23 @@ class Source:
         if material is not None and not isinstance(material, Material):
             raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
         friction = require("friction", truth, friction)
-        balls.check()
-        contacts.check()
+        # places, sizes and vectors with which one cannot reckon
+        placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
+        fixed = np.zeros(len(placed), bool) if balls.masses is None else np.isinf(balls.masses)
+        sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | (fixed & np.isinf(balls.radii)))
+        for fine, name in ((placed, "place"), (sized, "radius")):
+            if not np.all(fine):
+                ball = int(np.argmin(fine))
+                value = balls.positions[ball].tolist() if name == "place" else float(balls.radii[ball])
+                number = ball if balls.labels is None else int(balls.labels[ball])
+                why = "Only a body that does not move may have a radius of inf" if value == math.inf else ""
+                raise InputError(message(f"{balls.name}: ball {number} has the {name} {value} m", why))
+        if contacts.vector is not None:
+            far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
+            contacts.refuse(far, "has a vector that is not finite, or too large")
+        if contacts.shift is not None:
+            far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
+            contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
         if not np.all(np.abs(self.cell) < LARGEST):
             raise InputError(message(f"the cell is {self.cell.tolist()} m"))
         width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))

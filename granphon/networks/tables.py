@@ -50,90 +50,83 @@ _REMARK = "# granphon network: "
 
 
 class _Columns:
-    """A table of balls or contacts in a file, or in arrays; ``name`` is what messages call it.
+    """The columns of a table of balls or contacts, in SI, from a file or from arrays; ``name`` is what messages call it.
 
-    ``sealed`` says whether the file has a digest, which is then that of the rest of it; None for arrays.
+    ``remark`` is what a written table says of all balls; empty for a table from elsewhere. ``sealed`` says whether the file
+    has a digest, which is then that of the rest of it; None for arrays.
     """
 
     def __init__(self, what: str, source: Any, known: Mapping[str, Quantity | None], columns: Mapping[str, str]) -> None:
-        self._known, self._named = known, columns
-        self._table: Table | None = None
-        self._arrays: dict[str, Any] = {}
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
+        table: Table | None = None
+        arrays: dict[str, Any] = {}
         if isinstance(source, str | os.PathLike):
-            raw = read_bytes(source, MOST_BYTES)
-            self.name = str(source)
-            self.sealed = open_seal(self.name, decode(self.name, raw).replace("\r\n", "\n"))[1]
-            self._table, self.remark = Table.parse(self.name, raw), _read_remark(self.name, raw)
-            there = [heading.name for heading in self._table.headings]
+            raw, self.name = read_bytes(source, MOST_BYTES), str(source)
+            text = decode(self.name, raw)
+            self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))[1]
+            table, self.remark = Table.parse(self.name, raw), _read_remark(self.name, text)
+            there = [heading.name for heading in table.headings]
         else:
             self.name = f"the table of {what}"
-            there = getattr(getattr(source, "dtype", None), "names", None) or _list_names(source, self.name)
-            self._arrays = {str(name): source[name] for name in there}
+            named = getattr(getattr(source, "dtype", None), "names", None)
+            if named is None and not (hasattr(source, "keys") and hasattr(source, "__getitem__")):
+                mend = "Give the path of a file, a mapping of arrays, a structured array or a data frame"
+                raise InputError(message(f"{self.name} is {brief(source)}", mend=mend))
+            arrays = {str(name): source[name] for name in (named or source.keys())}
+            there = list(arrays)
         keys = [Heading.parse(name).key for name in there]
         given = {Heading.parse(columns.get(name, name)).key for name in known}
         for name, key in zip(there, keys, strict=True):  # an optional column with a misspelled name would be passed over
             meant = closest(key, known)
             if key not in given and key not in known and meant and len(key) > 2 and Heading.parse(meant).key not in keys:
                 raise InputError(message(f"{self.name} has a column {str(name)!r}", mend=f"Did you mean {meant!r}?"))
+        self._headings = [str(heading) for heading in (table.headings if table is not None else there)]
+        self._values: dict[str, Array] = {}
+        self._units: dict[str, str] = {}
+        for name, kind in known.items():
+            wanted = columns.get(name, name)
+            if table is not None and wanted in table:
+                self._values[name], self._units[name] = _read_cells(table, name, wanted, kind), table.unit(wanted)
+            elif wanted in arrays:
+                unit = Heading.parse(wanted).unit
+                if unit and (kind is None or unit != kind.unit):
+                    what = f"{self.name}: the column {wanted!r} is in {unit}, and arrays are in SI"
+                    raise InputError(message(what, mend=f"Convert it, and call it {name!r}"))
+                values = self._values[name] = real_array(f"{name} of {self.name}", arrays[wanted])
+                if values.ndim != 1:
+                    what = f"{name} of {self.name} has the shape {values.shape}"
+                    raise InputError(message(what, mend="Give a list of numbers"))
+        sizes = {name: len(values) for name, values in self._values.items()}
+        if len(set(sizes.values())) > 1:
+            said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
+            raise InputError(message(f"{self.name} has columns of different lengths: {said}"))
 
     def __contains__(self, name: str) -> bool:
-        wanted = self._named.get(name, name)
-        return wanted in self._table if self._table is not None else wanted in self._arrays
+        return name in self._values
 
     def require(self, *names: str) -> None:
         """Raise :class:`InputError` unless there are columns of all these names."""
         if missing := [name for name in names if name not in self]:
-            there = self._table.headings if self._table is not None else tuple(self._arrays)
-            shown = ", ".join(map(str, there)) or "none"
             what = f"{self.name} has no column {', '.join(map(repr, missing))}"
             mend = f"Name the column that is meant, as in columns={{{missing[0]!r}: 'NAME'}}"
-            raise InputError(message(what, f"Its columns are {shown}", mend))
+            raise InputError(message(what, f"Its columns are {', '.join(self._headings) or 'none'}", mend))
 
     def read(self, name: str) -> Array:
-        """The numbers of a column in SI, (rows,)."""
+        """The numbers of a column, (rows,)."""
         self.require(name)
-        wanted, kind = self._named.get(name, name), self._known[name]
-        if self._table is None:
-            unit = Heading.parse(wanted).unit
-            if unit and (kind is None or unit != kind.unit):
-                what = f"{self.name}: the column {wanted!r} is in {unit}, and arrays are in SI"
-                raise InputError(message(what, mend=f"Convert it, and call it {name!r}"))
-            values = real_array(f"{name} of {self.name}", self._arrays[wanted])
-            if values.ndim != 1:
-                what = f"{name} of {self.name} has the shape {values.shape}"
-                raise InputError(message(what, mend="Give a list of numbers"))
-            return values
-        if kind is None:
-            if unit := self._table.unit(wanted):
-                raise InputError(message(f"{self.name}: the column {name!r} has the unit {unit!r}, and needs none"))
-            try:
-                return self._table.numbers(wanted)
-            except InputError as error:
-                raise InputError(f"{self.name}: {error}") from None
-        if name not in _OF_WALLS:
-            return self._table.column(wanted, kind, f"Name the column that is meant, as in columns={{{name!r}: 'NAME'}}")
-        key = Heading.parse(wanted).key
-        place = next(n for n, heading in enumerate(self._table.headings) if heading.key == key)
-        cells = self._table.columns[place]
-        endless = np.array([cell.lower() in ("inf", "infinity") for cell in cells], bool)
-        finite = tuple("1" if wall else cell for cell, wall in zip(cells, endless, strict=True))
-        columns = (*self._table.columns[:place], finite, *self._table.columns[place + 1 :])
-        values = replace(self._table, columns=columns).column(wanted, kind)
-        return np.where(endless, math.inf, values)
+        return self._values[name]
 
     def find(self, name: str) -> Array | None:
-        """The numbers of a column in SI; None if there is no such column."""
-        return self.read(name) if name in self else None
+        """The numbers of a column; None if there is no such column."""
+        return self._values.get(name)
 
     def whole(self, name: str) -> Index:
         """The whole numbers of a column."""
+        values = self.read(name)
         try:
-            return read_whole_numbers(name, self.read(name))
+            return read_whole_numbers(name, values)
         except InputError as error:
-            if self.name in str(error):
-                raise
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str) -> Array | None:
@@ -145,33 +138,35 @@ class _Columns:
         if not there:
             return None
         self.require(*names[: names.index(there[-1]) + 1])
-        if self._table is not None:
-            units = [self._table.unit(self._named.get(name, name)) for name in there]
-            if len(set(units)) > 1 and all(units):
-                said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
-                raise InputError(message(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"))
-        self.require_equal(*there)
+        units = [self._units.get(name, "") for name in there]
+        if len(set(units)) > 1 and all(units):
+            said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
+            raise InputError(message(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"))
         return np.stack([self.read(name) for name in there], axis=1)
 
-    def require_equal(self, *names: str) -> None:
-        """Raise :class:`InputError` if the columns that there are have different lengths; in a file they have not."""
-        sizes = {name: len(self.read(name)) for name in names if name in self} if self._table is None else {}
-        if len(set(sizes.values())) > 1:
-            said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
-            raise InputError(message(f"{self.name} has columns of different lengths: {said}"))
+
+def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> Array:
+    """Return the numbers (rows,) of a column in SI; bodies that do not move may have "inf"."""
+    if kind is None:
+        if unit := table.unit(wanted):
+            raise InputError(message(f"{table.name}: the column {name!r} has the unit {unit!r}, and needs none"))
+        try:
+            return table.numbers(wanted)
+        except InputError as error:
+            raise InputError(f"{table.name}: {error}") from None
+    if name not in _OF_WALLS:
+        return table.column(wanted, kind)
+    key = Heading.parse(wanted).key
+    place = next(n for n, heading in enumerate(table.headings) if heading.key == key)
+    endless = np.array([cell.lower() in ("inf", "infinity") for cell in table.columns[place]], bool)
+    finite = tuple("1" if wall else cell for cell, wall in zip(table.columns[place], endless, strict=True))
+    columns = (*table.columns[:place], finite, *table.columns[place + 1 :])
+    return np.where(endless, math.inf, replace(table, columns=columns).column(wanted, kind))
 
 
-def _list_names(source: Any, name: str) -> list[Any]:
-    keys = getattr(source, "keys", None)
-    if keys is None or not hasattr(source, "__getitem__"):
-        mend = "Give the path of a file, a mapping of arrays, a structured array or a data frame"
-        raise InputError(message(f"{name} is {brief(source)}", mend=mend))
-    return list(keys())
-
-
-def _read_remark(name: str, raw: bytes) -> dict[str, Any]:
-    """What a written table says of all balls; empty for a table from elsewhere."""
-    for line in decode(name, raw).splitlines():
+def _read_remark(name: str, text: str) -> dict[str, Any]:
+    """Return what a written table says of all balls; empty for a table from elsewhere."""
+    for line in text.splitlines():
         if line.startswith(_REMARK):
             try:
                 found = json.loads(line.removeprefix(_REMARK))
@@ -200,8 +195,6 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
     if cell is None and pbc is None and "cell" in said:
         cell, pbc = said["cell"], said.get("pbc")
     periods, periodic = read_cell(cell, pbc)
-    of_balls.require_equal(*BALLS)
-    of_contacts.require_equal(*CONTACTS)
     return Source(
         _read_balls(of_balls), _read_contacts(of_contacts), periods, periodic,
         **{name: said[name] for name in ("dimension", "motions", "prestress", "left_out") if name in said},

@@ -328,12 +328,7 @@ class BandPath:
         It is that of :func:`default_letters`; in the plane G-K-M-G, or G-X-M-G if the cell has a right angle.
         """
         if structure.periods != 2:
-            from ase.dft.kpoints import parse_path_string
-
-            known = special_points(structure.vectors)
-            pieces = parse_path_string(default_letters(structure.vectors))
-            paths = tuple(tuple(tuple(known[name].tolist()) for name in piece) for piece in pieces)
-            return cls(paths, tuple(name for piece in pieces for name in piece))
+            return cls.read(default_letters(structure.vectors), structure)
         (ax, ay), (bx, by) = (vector[:2] for vector in structure.cell)
         cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
         letters, points = _SQUARE_PATH if abs(cosine) < 1e-6 else _HEXAGONAL_PATH

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.response import elasticity
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -199,7 +198,7 @@ class MediaStudy(Study):
         for rest in (sample.equilibrium for sample in state.samples):
             other = SparseArray(rest.deviations, rest.lattice)
             forces = other.forces(rest.overlap, check=deadline.check)
-            tensor, ours = other.elastic_tensor(forces, eta), elasticity(rest, eta)
+            tensor, ours = other.elastic_tensor(forces, eta), rest.find_elasticity(eta)
             off = np.max(np.abs(tensor - ours)) / np.max(ours)
             apart.append(max(abs(np.mean(forces) / rest.force - 1.0), 0.5 * off))
         return np.array(apart)

@@ -129,15 +129,6 @@ class _Lines:
         )._with_work(self)
 
 
-def _random_signs(operator: WaveOperator, seed: int, number: int, rotations: bool) -> Array:
-    """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of zeros elsewhere."""
-    # each vector has a seed of its own, and numbers that are the same on every machine
-    own = int(uniform_numbers(number + 1, seed)[number] * 2.0**52)
-    signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), own) - 0.5)
-    signs[:, operator.motions.is_rotation != rotations] = 0.0
-    return np.asarray(operator.vector(signs))
-
-
 class _Traces:
     """Moments of random vectors: of their translations and of their rotations, each by itself.
 
@@ -151,16 +142,22 @@ class _Traces:
         self._keep = keeps_vectors(operator, vectors * len(self._parts))
         self._vectors: list[tuple[Moments, ...]] = []
 
-    def _make(self, number: int) -> tuple[Moments, ...]:
-        """Return the moments, not found yet, of the parts of a random vector."""
-        starts = (partial(_random_signs, self._operator, self._seed, number, turns) for turns in self._parts)
-        return tuple(Moments(self._operator, start, keep=self._keep) for start in starts)
+    def _draw(self, number: int, rotations: bool) -> Array:
+        """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of zeros elsewhere."""
+        operator = self._operator
+        # each vector has a seed of its own, and numbers that are the same on every machine
+        own = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
+        signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), own) - 0.5)
+        signs[:, operator.motions.is_rotation != rotations] = 0.0
+        return np.asarray(operator.vector(signs))
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by these numbers of moments and of random vectors."""
         vectors = whole_number("vectors", vectors, 1, _MOST // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        self._vectors += [self._make(number) for number in range(len(self._vectors), vectors)]
+        for number in range(len(self._vectors), vectors):
+            starts = [partial(self._draw, number, turns) for turns in self._parts]
+            self._vectors.append(tuple(Moments(self._operator, start, keep=self._keep) for start in starts))
         found = np.array([[part.first(moments) for part in one] for one in self._vectors[:vectors]])
         parts = np.zeros((vectors, 2, kernel.count))
         parts[:, : found.shape[1]] = kernel.densities(found / self._operator.balls.size)

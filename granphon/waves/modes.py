@@ -129,27 +129,23 @@ def require_stable(operator: WaveOperator) -> None:
     limit = find_limit(operator)
     if operator.size <= _FACTORED[operator.network.dimension]:
         stable = Problem(operator, np.arange(operator.size)).count_below(-limit) == 0
-    else:
-        stable = _find_lowest_ritz(operator) >= -limit
+    else:  # Lanczos: the Krylov space of a random vector, whose lowest Ritz value is above the lowest eigenvalue
+        from scipy.linalg import eigvalsh_tridiagonal
+
+        x = np.random.default_rng(0).normal(size=operator.size)
+        x /= np.linalg.norm(x)
+        before, across, diagonal, beside = np.zeros(operator.size), 0.0, [], []
+        for _ in range(_KRYLOV):
+            y = operator @ x - across * before
+            diagonal.append(float(x @ y))
+            y -= diagonal[-1] * x
+            across = float(np.linalg.norm(y))
+            beside.append(across)
+            before, x = x, y / across
+        values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
+        stable = float(values[0]) >= -limit
     if not stable:
         raise InstabilityError(UNSTABLE)
-
-
-def _find_lowest_ritz(operator: WaveOperator) -> float:
-    """Return the lowest Ritz value of D in the Krylov space of a random vector (Lanczos), above its lowest eigenvalue."""
-    from scipy.linalg import eigvalsh_tridiagonal
-
-    x = np.random.default_rng(0).normal(size=operator.size)
-    x /= np.linalg.norm(x)
-    before, across, diagonal, beside = np.zeros(operator.size), 0.0, [], []
-    for _ in range(_KRYLOV):
-        y = operator @ x - across * before
-        diagonal.append(float(x @ y))
-        y -= diagonal[-1] * x
-        across = float(np.linalg.norm(y))
-        beside.append(across)
-        before, x = x, y / across
-    return float(eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))[0])
 
 
 def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:

@@ -166,13 +166,31 @@ def find_polarisations(
     Raises :class:`~granphon.base.errors.InputError` if the balls do not move that way, or if it is not said which way.
     """
     motions = operator.motions
-    if not isinstance(polarisation, str):
-        return _given_polarisation(operator, polarisation, direction)
+    letters = ", ".join(motions.letters)
+    if not isinstance(polarisation, str):  # numbers, one for each displacement or one for each motion
+        numbers, sizes = finite_array("polarisation", polarisation), (len(motions.translations), motions.count)
+        if direction is not None:
+            raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
+        if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
+            why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
+            mend = f"Give these, not all zero, or one of {', '.join(_NAMES)}"
+            raise InputError(message(f"the polarisation is {brief(polarisation)}", why, mend))
+        rows = np.zeros((1, motions.count))
+        numbers = numbers / np.max(np.abs(numbers))
+        rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
+        return rows
     name = require("polarisation", partial(choice, options=_NAMES), polarisation)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    wanted = None if direction is None else _read_direction(direction)
+    wanted = None
+    if direction is not None:
+        given = finite_array("direction", direction)
+        if given.shape not in ((2,), (3,)) or not np.any(given):
+            raise InputError(message(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero"))
+        wanted = np.zeros(3)
+        wanted[: given.size] = given / np.max(np.abs(given))
+        wanted /= np.linalg.norm(wanted)
     along = np.zeros(3)
     along[: q.size] = q
     if turns:
@@ -190,61 +208,23 @@ def find_polarisations(
             found = wanted - (wanted @ along) * along
             if np.linalg.norm(found) < _ACROSS:
                 raise InputError(message(f"the direction {brief(direction)} of a transverse wave is along q"))
-        else:
-            found = _across(along, free, operator.network.dimension)
-    return _as_motions(operator, np.atleast_2d(found), axes, name)
-
-
-def _across(along: Array, free: Array, dimension: int) -> Array:
-    """Return orthonormal directions (b, 3) across q in which balls move: within the plane of the balls, if there are any."""
-    within = free[np.argmax(free, axis=1) < dimension]
-    for axes in (within, free):
-        left = axes - (axes @ along)[:, None] * along
-        _, sizes, rows = np.linalg.svd(left) if len(left) else (None, np.zeros(0), free)
-        if np.any(sizes > 0.5):
-            return np.asarray(rows[: sizes.size][sizes > 0.5])
-    return np.zeros((0, 3))
-
-
-def _as_motions(operator: WaveOperator, found: Array, axes: tuple[int, ...], name: str) -> Array:
-    """Return directions (b, 3) of the motions along ``axes`` as rows (b, motions) of unit length."""
-    motions = operator.motions
+        else:  # orthonormal directions across q: within the plane of the balls, if they move there
+            for among in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
+                left = among - (among @ along)[:, None] * along
+                _, across, basis = np.linalg.svd(left) if len(left) else (None, np.zeros(0), free)
+                found = basis[: across.size][across > 0.5]
+                if len(found):
+                    break
+    # directions (b, 3) as rows (b, motions) of unit length
+    found = np.atleast_2d(found)
     if not len(found) or not axes or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS:
-        letters = ", ".join(motions.letters)
         raise InputError(message(f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"))
     size = np.linalg.norm(found, axis=1, keepdims=True)
     if np.any(size < _ACROSS):
-        raise InputError(message(f"the direction of a {name} wave is across all motions {', '.join(motions.letters)}"))
+        raise InputError(message(f"the direction of a {name} wave is across all motions {letters}"))
     rows = np.zeros((len(found), motions.count))
-    where = motions.turning if name == "rotational" else motions.translating
-    rows[:, where] = (found / size)[:, list(axes)]
+    rows[:, motions.turning if turns else motions.translating] = (found / size)[:, list(axes)]
     return rows
-
-
-def _given_polarisation(operator: WaveOperator, polarisation: ArrayLike, direction: ArrayLike | None) -> Array:
-    """Return a polarisation given by numbers, one for each displacement or one for each motion, as (1, motions)."""
-    motions, given = operator.motions, finite_array("polarisation", polarisation)
-    if direction is not None:
-        raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
-    sizes = (len(motions.translations), motions.count)
-    if given.ndim != 1 or given.size not in sizes or not np.any(given):
-        why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {', '.join(motions.letters)}"
-        mend = f"Give these, not all zero, or one of {', '.join(_NAMES)}"
-        raise InputError(message(f"the polarisation is {brief(polarisation)}", why, mend))
-    rows = np.zeros((1, motions.count))
-    given = given / np.max(np.abs(given))
-    rows[0, : given.size] = given / np.linalg.norm(given)
-    return rows
-
-
-def _read_direction(direction: ArrayLike) -> Array:
-    """Return a direction of two or three numbers as a unit vector (3,)."""
-    given = finite_array("direction", direction)
-    if given.shape not in ((2,), (3,)) or not np.any(given):
-        raise InputError(message(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero"))
-    unit = np.zeros(3)
-    unit[: given.size] = given / np.max(np.abs(given))
-    return np.asarray(unit / np.linalg.norm(unit))
 
 
 # -- vectors ------------------------------------------------------------------------------------------------------------

@@ -58,8 +58,17 @@ class Course:
             if height > _FLAT * size:
                 least = _FLAT * float(np.max(sizes))
                 period = float(height) if math.isinf(period) else _common_measure(period, float(height), least)
+        # places begin halfway between two planes of balls, where a cut meets no ball
         course = cls(network, direction, period)
-        return replace(course, origin=course._find_gap())
+        if math.isinf(period):
+            return replace(course, origin=float(np.min(course.heights[network.moving])) - 0.5 * course.spacing)
+        # planes lie within a diameter; the widest gap among the balls there is the one between two of them
+        every = course._wrap(course.heights)
+        near = np.sort(every)
+        near = near[: max(2, int(np.searchsorted(near, course.spacing)) + 1)]
+        gaps = np.diff(near, prepend=np.max(every) - period)
+        last = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
+        return replace(course, origin=float(near[last] - 0.5 * gaps[last]))
 
     @cached_property
     def spacing(self) -> float:
@@ -78,18 +87,6 @@ class Course:
 
     def _wrap(self, lengths: Array) -> Array:
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
-
-    def _find_gap(self) -> float:
-        """Return the coordinate halfway between two planes of balls, where a cut meets no ball."""
-        if math.isinf(self.period):
-            moving = self.heights[self.network.moving]
-            return float(np.min(moving)) - 0.5 * self.spacing
-        # planes lie within a diameter; the widest gap among the balls there is the one between two of them
-        near = np.sort(self._wrap(self.heights))
-        near = near[: max(2, int(np.searchsorted(near, self.spacing)) + 1)]
-        gaps = np.diff(near, prepend=np.max(self._wrap(self.heights)) - self.period)
-        last = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
-        return float(near[last] - 0.5 * gaps[last])
 
     def require_period(self, least: float, why: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if planes across it meet themselves before ``least``."""

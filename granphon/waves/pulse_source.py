@@ -21,9 +21,8 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
-from granphon.waves.array_operator import make_operator
 from granphon.waves.modes import require_stable
-from granphon.waves.operator import WaveOperator
+from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.planes import ENDS, Course
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.pulses import Pulse

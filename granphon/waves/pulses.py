@@ -85,7 +85,16 @@ def find_arrivals(
         raise InputError(message(f"the time of flight by {brief(method)} is not known", mend=f"Use {', '.join(METHODS)}"))
     step = float(times[1] - times[0])
     if method == "correlation":
-        shifts = [_correlate(one, sent) for one in signals]
+        from scipy.signal import correlate
+
+        shifts = []
+        for one in signals:
+            found = correlate(one, sent)[sent.size - 1 :]  # lags from zero on
+            place = int(np.argmax(found))
+            shifts.append(np.nan)
+            if 0 < place < found.size - 1:  # the extreme of the parabola through the values around the greatest
+                low, middle, high = found[place - 1 : place + 2]
+                shifts[-1] = place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
     else:
         find = _find_maximum if method == "envelope" else _find_beginning
         start, *arrived = (find(one, threshold) for one in find_envelope(np.vstack([sent, signals])))
@@ -134,12 +143,6 @@ def _make_gate(times: Array, middle: float, reach: float) -> Array:
     return np.asarray(np.clip(3.0 * (1.0 - np.abs(times - middle) / reach), 0.0, 1.0))
 
 
-def _refine(values: Array, place: int) -> float:
-    """Return where the parabola through the values around ``place`` has its extreme, as a fraction of an index."""
-    low, middle, high = values[place - 1 : place + 2]
-    return place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
-
-
 def _find_top(envelope: Array) -> int | None:
     """Return the index of the first maximum that has half the height of the greatest value; None if none has."""
     inner = envelope[1:-1]
@@ -174,14 +177,6 @@ def _find_beginning(envelope: Array, threshold: float) -> float:
         return 0.0
     before, after = envelope[place - 1 : place + 1]
     return place - 1 + float((level - before) / (after - before))
-
-
-def _correlate(signal: Array, sent: Array) -> float:
-    from scipy.signal import correlate
-
-    found = correlate(signal, sent)[sent.size - 1 :]  # lags from zero on
-    place = int(np.argmax(found))
-    return _refine(found, place) if 0 < place < found.size - 1 else np.nan
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -333,7 +328,10 @@ class Pulse(Result):
                 " cycles"
             )
         if not why:
-            middle, reach = self._find_gate(time)
+            # when the pulse is at its height, and how far around that nothing else comes
+            duration = self.cycles / self.frequency
+            middle = time + 0.5 * duration
+            reach = min(_REACH * duration, time + self.echo / float(self.fastest[0]) - middle)
             # of the burst, which is even about its middle, the delay is that middle
             error = abs(find_delay(self.times, self.coherent, hertz, middle, reach) - middle)
             share = find_share(self.times, self.coherent, self.sent, hertz, middle, reach)
@@ -355,12 +353,6 @@ class Pulse(Result):
             f"its height: its way is {self.echo:.4g} m longer, and {needed:.4g} m are needed. Use a longer array, a "
             "shorter distance, a higher frequency or fewer cycles"
         )
-
-    def _find_gate(self, time: float) -> tuple[float, float]:
-        """Return when a pulse with a ``time`` of flight is at its height, s, and how far around it nothing else comes, s."""
-        duration = self.cycles / self.frequency
-        middle = time + 0.5 * duration
-        return middle, min(_REACH * duration, time + self.echo / float(self.fastest[0]) - middle)
 
     def judge(self) -> tuple[str, ...]:
         """Return why the time of flight is not known, or how sure the velocity is if its error is above 3 percent."""

@@ -14,10 +14,9 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import find_network_warnings
-from granphon.waves.array_operator import make_operator
 from granphon.waves.dos import SpectralDensity, find_dos
 from granphon.waves.modes import NetworkModes, find_modes, require_stable
-from granphon.waves.operator import WaveOperator
+from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.plane_waves import nearest_wavevectors
 from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse

@@ -14,7 +14,6 @@ from scipy.optimize import minimize
 import granphon as gp
 from granphon.array import equilibrium as module
 from granphon.array.equilibrium import equilibrate
-from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice
@@ -247,7 +246,7 @@ def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(lattice
     x = draw(lattice, shape, 1)
     state = equilibrate(x, ReducedLoad(overlap=0.15), Stencils(shape, lattice=lattice))
     # each contact may have a torsion of its own, in proportion to its overlap
-    found = elasticity(state, eta, torsion * np.maximum(state.overlaps, 0.0) if own else torsion, bending)
+    found = state.find_elasticity(eta, torsion * np.maximum(state.overlaps, 0.0) if own else torsion, bending)
     explicit, kept = Explicit(lattice, shape), kinds_of(eta, torsion, bending)
     dense = explicit.rows(kept)
     overlaps = np.maximum(0.15 + explicit.means(in_order(lattice, x)) - _elongations(lattice, explicit, state), 0.0)
@@ -288,7 +287,7 @@ def test_equal_balls_have_the_elastic_tensor_of_the_lattice(lattice):
     state = equilibrate(np.zeros_like(draw(lattice, shape)), ReducedLoad(overlap=0.3), Stencils(shape, lattice=lattice))
     for eta, torsion, bending in ((0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.2, 0.1)):
         wanted = gp.ContactLattice.of(lattice, eta, torsion=torsion, bending=bending).elastic_tensor()
-        found = elasticity(state, eta, torsion, bending) / state.stiffness
+        found = state.find_elasticity(eta, torsion, bending) / state.stiffness
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-12 * np.max(wanted))
 
 
@@ -372,9 +371,9 @@ def test_each_contact_of_a_sample_has_the_torsion_of_its_own_overlap(lattice, sh
     rest = sample.equilibrium
     # (1 - nu)/3 of the overlap of the contact over the diameter; without friction nothing but torsion resists rotations
     torsion = (1.0 - 0.276) / 3.0 * WIDTH / D * np.maximum(rest.overlaps, 0.0)
-    wanted = elasticity(rest, balls.mindlin_ratio, torsion) * balls.width_units.stiffness / D
+    wanted = rest.find_elasticity(balls.mindlin_ratio, torsion) * balls.width_units.stiffness / D
     np.testing.assert_allclose(sample.elastic_tensor, wanted, rtol=0.0, atol=1e-11 * np.max(wanted))
-    none = elasticity(rest, balls.mindlin_ratio) * balls.width_units.stiffness / D
+    none = rest.find_elasticity(balls.mindlin_ratio) * balls.width_units.stiffness / D
     assert (np.max(np.abs(wanted - none)) > 1e-8 * np.max(none)) == friction
 
 
@@ -382,9 +381,9 @@ def test_each_contact_of_a_sample_has_the_torsion_of_its_own_overlap(lattice, sh
 def test_without_shear_no_torsion_or_bending_changes_the_elastic_tensor(lattice):
     x, shape = draw(find_lattice(lattice), SMALL[find_lattice(lattice)]), SMALL[find_lattice(lattice)]
     state = equilibrate(x, ReducedLoad(force=0.1), Stencils(shape, lattice=find_lattice(lattice)))
-    plain = elasticity(state, 0.0)
+    plain = state.find_elasticity(0.0)
     for torsion, bending in ((0.1, 0.0), (0.0, 0.1), (0.1, 0.02)):
-        np.testing.assert_allclose(elasticity(state, 0.0, torsion, bending), plain, rtol=0.0, atol=1e-12 * np.max(plain))
+        np.testing.assert_allclose(state.find_elasticity(0.0, torsion, bending), plain, rtol=0.0, atol=1e-12 * np.max(plain))
 
 
 @pytest.mark.parametrize("lattice", ["fcc", "hcp"])

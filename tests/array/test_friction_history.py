@@ -16,7 +16,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.optimize import root
 
 import granphon as gp
-from granphon.array import contact_operator, friction, gas, linear_step, load_step, stepper
+from granphon.array import contact_operator, dashpots, friction, linear_step, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
@@ -27,7 +27,6 @@ from granphon.array.patches import Patches
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import integrate_last
 from granphon.array.residuals import solve_by_minimal_residuals
-from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.steps import ReducedLoad
 from granphon.array.true_geometry import ExactGeometry
@@ -810,7 +809,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     paths = history((4, 4), lattice=lattice, start="gas")
     begun = paths.begin()
     assert begun.overlap < 0.1
-    assert begun.force >= 0.5 * gas.STANDING_FORCE
+    assert begun.force >= 0.5 * dashpots.STANDING_FORCE
     assert begun.residual <= 1e-9
     assert residual(paths, begun) < 2e-9
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
@@ -823,11 +822,11 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
     off = []
     for finer in (1, 2, 4):  # equally viscous dashpots resist a shorter step more
         paths = history(shape, 0.3, lattice=lattice, start="gas")
-        damped = replace(paths.stepper, drag=finer * gas.DRAG)
+        damped = replace(paths.stepper, drag=finer * dashpots.DRAG)
         first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
         here, taken = damped.place(np.zeros((2, *shape)), first), 0.0
         for _ in range(36 * finer):
-            before, here = here, damped.step([here], ReducedLoad(overlap=here.overlap + gas.STEP / finer))
+            before, here = here, damped.step([here], ReducedLoad(overlap=here.overlap + dashpots.STEP / finer))
             loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
             slip = here.contacts.slips - before.contacts.slips
             taken += damped.drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
@@ -862,7 +861,7 @@ def test_the_honeycomb_stands_with_friction_alone():
     assert rows.shape == (54, 54)
     assert np.linalg.matrix_rank(rows, tol=1e-9) == 54 - 9
     state = PressedEquilibrium.of(begun, paths.deviations, stencils, 0.0)
-    found = np.linalg.eigvalsh(elasticity(state, state.shear_ratios("stick")))
+    found = np.linalg.eigvalsh(state.find_elasticity(state.shear_ratios("stick")))
     assert found[0] > 0.2 * found[-1]
 
 
@@ -881,7 +880,7 @@ def test_balls_that_are_squeezed_out_do_not_end_a_path():
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
     begun = history(shape, 0.5, lattice=lattice, start="gas").begin()
     assert begun.residual <= 1e-9
-    assert begun.force > 0.5 * gas.STANDING_FORCE
+    assert begun.force > 0.5 * dashpots.STANDING_FORCE
     assert begun.krylov < 20_000  # each takes some tenths of a millisecond; it was more than 200 000
 
 
@@ -889,7 +888,7 @@ def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
 def test_the_drag_of_the_gas_matters_little_at_high_loads(monkeypatch):
     forces = []
     for drag in (1e-2, 5e-3):
-        monkeypatch.setattr(gas, "DRAG", drag)
+        monkeypatch.setattr(dashpots, "DRAG", drag)
         forces.append(run(history((8, 8), 0.3, start="gas"), ramp(0.5, 1.0, steps=5))[-1].force)
     assert forces[0] == pytest.approx(forces[1], rel=1e-2)
     assert forces[0] == pytest.approx(run(history((8, 8), 0.3), ramp(0.5, 1.0, steps=5))[-1].force, rel=3e-2)

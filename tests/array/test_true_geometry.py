@@ -19,7 +19,6 @@ from granphon.array.geometry import LatticeGeometry
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import BALANCE_TOLERANCE
-from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
@@ -262,12 +261,12 @@ def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the
     np.testing.assert_allclose(same.forces, limit.forces, rtol=1e-14, atol=1e-15 * limit.force)
     assert same.stiffness == pytest.approx(limit.stiffness, rel=1e-13)
     assert same.stiffness_slope == pytest.approx(limit.stiffness_slope, rel=1e-7)
-    np.testing.assert_allclose(same.find_elasticity(ETA), elasticity(limit, ETA), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(same.find_elasticity(ETA), limit.find_elasticity(ETA), rtol=0.0, atol=1e-13)
     changes = []
     for ratio in (1e-3, 5e-4, 2.5e-4):
         state = equilibrate_exactly(x, load, ratio)
         parts = [np.max(np.abs(state.forces - limit.forces)), state.stiffness - limit.stiffness]
-        changes.append([*parts, np.max(np.abs(state.find_elasticity(ETA) - elasticity(limit, ETA)))])
+        changes.append([*parts, np.max(np.abs(state.find_elasticity(ETA) - limit.find_elasticity(ETA)))])
     for a, b in itertools.pairwise(changes):
         np.testing.assert_allclose(np.divide(a, b), 2.0, rtol=0.02)
 
@@ -423,7 +422,7 @@ def test_moduli_are_changes_of_stress_in_strained_cells(eta):
     expected *= ratio**2  # energy in c W^(5/2), stiffness in c W^(1/2), lengths in d
     found = state.find_elasticity(eta)
     np.testing.assert_allclose(found, 0.5 * (expected + expected.T), rtol=0.0, atol=1e-6 * found.max())
-    assert np.max(np.abs(found - elasticity(equilibrate(state.deviations, ReducedLoad(overlap)), eta))) > 1e-3
+    assert np.max(np.abs(found - equilibrate(state.deviations, ReducedLoad(overlap)).find_elasticity(eta))) > 1e-3
 
 
 def test_moduli_under_tangential_forces_are_changes_of_stress():
@@ -620,7 +619,7 @@ def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
     """Parts by which the limit of small spread underestimates K and G, for each eta, and the fraction of its contacts."""
     limit = equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
     state = equilibrate_exactly(limit.deviations, ReducedLoad(overlap=limit.overlap), ratio, limit.stencils, limit)
-    less = [1.0 - isotropic(elasticity(limit, eta)) / isotropic(state.find_elasticity(eta)) for eta in etas]
+    less = [1.0 - isotropic(limit.find_elasticity(eta)) / isotropic(state.find_elasticity(eta)) for eta in etas]
     return less, float(np.mean(limit.forces > 1e-6 * limit.force))
 
 
@@ -665,7 +664,7 @@ def test_the_deficit_in_space_is_less():
         state = equilibrate_exactly(x, ReducedLoad(overlap=spacing - 0.5), 1e-3, stencils, limit)
         low, true = (
             (t[0, 0] + t[1, 1] + t[2, 2] - t[0, 1] - t[1, 2] - t[0, 2] + 3.0 * (t[3, 3] + t[4, 4] + t[5, 5])) / 15.0
-            for t in (elasticity(limit, ETA), state.find_elasticity(ETA))
+            for t in (limit.find_elasticity(ETA), state.find_elasticity(ETA))
         )
         carried = np.mean(limit.forces > 1e-6 * limit.force)
         assert 1.0 / 1.5 < estimate_shear_deficit(carried, 1e-3, 3) / (1.0 - low / true) < 1.5

@@ -33,7 +33,7 @@ WATCHED = {
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
     ("granphon.dynamics.contact_lattice", "ContactLattice.modes"): "modes",
     ("granphon.array.equilibrium", "equilibrate"): "equilibria",
-    ("granphon.array.response", "elasticity"): "linear responses",
+    ("granphon.array.equilibrium", "Equilibrium.find_elasticity"): "linear responses",
     ("matplotlib.figure", "Figure.savefig"): "figures",
 }
 #: small equilibria by which the time of large ones is estimated

@@ -34,10 +34,9 @@ from granphon.array.friction import LEAST_CONTACT
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.pressing import PressedArray
-from granphon.array.response import elasticity
 from granphon.array.stencils import Stencils
 from granphon.array.steps import ReducedLoad
-from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.array.true_geometry import ExactGeometry
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
@@ -135,8 +134,7 @@ def by_force(mu: float, seed: int, exact: bool = True) -> tuple[Any, ...]:
 def find_moduli(state: Any, springs: str) -> tuple[float, float]:
     """K and G, in units of c W^(1/2)/d."""
     ratios = state.shear_ratios(springs) if isinstance(state, PressedEquilibrium) else ETA
-    bare = not isinstance(state, PressedEquilibrium | TrueEquilibrium)
-    return bulk_and_shear(elasticity(state, ratios) if bare else state.find_elasticity(ratios))
+    return bulk_and_shear(state.find_elasticity(ratios))
 
 
 @cache

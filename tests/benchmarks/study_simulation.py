@@ -21,7 +21,6 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.response import elasticity
 from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
@@ -232,7 +231,7 @@ ETAS = {"steel": PACKINGS[True].mindlin_ratio, "no friction": 0.0}
 def left_out(limit: Equilibrium) -> Array:
     """(etas, 2, widths) parts of K and G that the limit of small width leaves out."""
     load = ReducedLoad(overlap=limit.overlap)
-    low = [bulk_and_shear(elasticity(limit, eta)) for eta in ETAS.values()]
+    low = [bulk_and_shear(limit.find_elasticity(eta)) for eta in ETAS.values()]
     states = [equilibrate_exactly(limit.deviations, load, width, limit.stencils, limit) for width in WIDTHS]
     true = [[bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states]
     return np.asarray(1.0 - np.moveaxis(low / np.array(true), 0, -1))

@@ -11,7 +11,6 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.media import cost
 from granphon.media.cost import estimate
-from granphon.media.history_cost import count_iterations, count_steps
 from granphon.media.typical_arrays import estimate_reduced_force
 from tests.conftest import only
 
@@ -135,7 +134,6 @@ def test_time_grows_towards_the_threshold_with_size_and_with_friction():
     assert few.seconds > 0.4 * small.seconds
     bare = estimate(simulation(friction=False), Load("overlap", at))
     assert bare.seconds < small.seconds
-    assert estimate(simulation(), Load("overlap", at), moduli=False).seconds < bare.seconds
 
 
 def estimate_seconds(spacings):
@@ -282,14 +280,14 @@ def pressed(mu, shape=(20, 20), **more):
     ],
 )  # fmt: skip
 def test_iterations_of_a_history_are_those_of_the_solver(mu, spacings, tolerance):
-    medium, path = pressed(mu, step_tolerance=tolerance), np.array(spacings)
-    done = medium.at_overlap((path - 0.5) * WIDTH).samples[-1].equilibrium
-    counted = count_steps(medium.history, path, 0.5) * count_iterations(medium.balls, mu)
-    assert 0.25 < counted / done.conjugate < 4.0
+    medium, load = pressed(mu, step_tolerance=tolerance), Load("overlap", (np.array(spacings) - 0.5) * WIDTH)
+    done = medium.at(load).samples[-1].equilibrium
+    assert 0.25 < cost._count_iterations(medium, load) / done.conjugate < 4.0
 
 
 def test_the_most_friction_there_is_costs_no_more_than_no_sliding():
-    assert count_iterations(100, 1e300) == count_iterations(100, np.inf)
+    load = Load("overlap", 0.2 * WIDTH)
+    assert estimate(pressed(1e300), load).work == estimate(pressed(np.inf), load).work
 
 
 def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():

@@ -80,16 +80,6 @@ def test_one_cell_of_the_triangular_lattice(finite_overlap):
     assert gp.Units.from_info(balls.info) == state.scales
 
 
-@pytest.mark.parametrize(("lattice", "count", "neighbours"), [("square", 1, 4), ("kagome", 3, 4)])
-def test_other_lattices(lattice, count, neighbours):
-    balls = gp.atoms(at_overlap(lattice=lattice))
-    assert len(balls) == count
-    many = balls.repeat((3, 3, 1))
-    distance = many.get_all_distances(mic=True)
-    touching = np.sum(np.abs(distance - 1.0) < 1e-9, axis=1)
-    np.testing.assert_array_equal(touching, neighbours)
-
-
 # -- copies -------------------------------------------------------------------------------------------------------------
 
 COPIES = {

@@ -200,7 +200,10 @@ class Twin:
 
 # -- what gp.atoms makes ------------------------------------------------------------------------------------------------
 
-BRAVAIS = {"chain": "LINE", "triangular": "HEX2D", "sc": "CUB", "bcc": "BCC", "fcc": "FCC", "hcp": "HEX", "diamond": "FCC"}
+BRAVAIS = {
+    "chain": "LINE", "triangular": "HEX2D", "square": "SQR", "kagome": "HEX2D", "sc": "CUB", "bcc": "BCC", "fcc": "FCC",
+    "hcp": "HEX", "diamond": "FCC",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("lattice", BRAVAIS)

@@ -161,7 +161,8 @@ def test_group_velocities_are_slopes(lattice):
 # -- bands --------------------------------------------------------------------------------------------------------------
 
 PATHS = {
-    "chain": ("G", "X"), "square": ("G", "X", "M", "G"), "kagome": ("G", "K", "M", "G"),
+    "chain": ("G", "X"), "square": ("G", "X", "M", "G"), "triangular": ("G", "K", "M", "G"),
+    "kagome": ("G", "K", "M", "G"),
     "sc": ("G", "X", "M", "G", "R", "X|M", "R"), "bcc": ("G", "H", "N", "G", "P", "H|P", "N"),
     "fcc": ("G", "X", "W", "K", "G", "L"), "diamond": ("G", "X", "W", "K", "G", "L"),
     "hcp": ("G", "M", "K", "G", "A", "L", "H", "A|L", "M|K", "H"),

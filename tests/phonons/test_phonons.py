@@ -34,20 +34,6 @@ every_lattice = pytest.mark.parametrize(("lattice", "friction"), LATTICES)
 # -- against C(q) and other engines -------------------------------------------------------------------------------------
 
 
-@every_lattice
-@both_overlaps
-@given(q=st.lists(st.tuples(fractions, fractions), min_size=1, max_size=4), poisson=st.floats(-0.9, 0.5))
-@settings(max_examples=15, deadline=None)
-def test_frequencies_are_those_of_the_compatibility_matrix(lattice, friction, finite_overlap, q, poisson):
-    state = at_overlap(lattice=lattice, friction=friction, poisson=poisson, finite_overlap=finite_overlap)
-    ph = gp.Phonons(state)
-    direct = state.contact_lattice()
-    expected = direct.frequencies(direct.wavevectors(q)) * state.scales.frequency
-    found = ph.frequencies(q)
-    assert found.shape == (len(q), (3 if friction else 2) * len(ph.atoms))
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * expected.max())
-
-
 @pytest.mark.parametrize("relative", [1e-20, 1e-12, 1e-6])
 @both_overlaps
 def test_bands_are_exact_at_any_load(relative, finite_overlap):
@@ -194,11 +180,7 @@ def test_unequal_masses(masses, q, finite_overlap, friction):
     balls = gp.atoms(state).repeat((2, 2, 1))
     balls.set_masses(masses)
     ph = gp.Phonons(state, balls)
-    expected = ph.lattice.frequencies(ph.lattice.wavevectors([q])) * state.scales.frequency
-    np.testing.assert_allclose(ph.frequencies([q]), expected, rtol=0.0, atol=1e-10 * expected.max())
     # trace of D is the sum of each ball's own stiffness over its mass
-    own = np.trace(balls.calc.get_force_constants(balls.repeat((2, 2, 1)))[0, 0]) if balls.calc else None
-    assert own is None
     stiffness = 3.0 * (1.0 + ETA * friction) * 2.0 + (15.0 * ETA if friction else 0.0)
     if not finite_overlap:
         total = np.sum((ph.frequencies([q]) / state.scales.frequency) ** 2)
@@ -242,11 +224,9 @@ def test_a_vacancy(friction):
     ph = gp.Phonons(state, balls)
     assert ph.frequencies([[0.1, 0.2]]).shape == (1, (3 if friction else 2) * 15)
     assert len(ph.lattice.contacts) == 3 * 16 - 6
-    expected = ph.lattice.frequencies(ph.lattice.wavevectors([[0.1, 0.2]])) * state.scales.frequency
-    np.testing.assert_allclose(ph.frequencies([[0.1, 0.2]]), expected, atol=1e-10 * expected.max())
     # springs are taken away and none added: every mode is at or below that of the same rank with the ball held
     whole = gp.Phonons(state, gp.atoms(state).repeat((4, 4, 1))).frequencies([[0.1, 0.2]])[0]
-    assert np.all(ph.frequencies([[0.1, 0.2]])[0] <= whole[-expected.shape[1] :] * (1.0 + 1e-12))
+    assert np.all(ph.frequencies([[0.1, 0.2]])[0] <= whole[-ph.lattice.n_branches :] * (1.0 + 1e-12))
 
 
 def test_atoms_are_taken_as_a_copy():
@@ -458,13 +438,6 @@ def test_atoms_of_the_other_overlap_are_refused():
 def test_the_coarsest_mesh_still_counts_every_mode(friction, method):
     dos = gp.Phonons(at_overlap(friction=friction)).dos((1, 1), method=method)
     assert np.trapezoid(dos.total, dos.frequencies) == pytest.approx(3 if friction else 2, abs=1e-6)
-
-
-def test_the_lattices_own_path_and_labels():
-    hexagonal, square = gp.Phonons(at_overlap()), gp.Phonons(at_overlap(lattice="square"))
-    assert hexagonal.bands(npoints=2).labels == ("G", "K", "M", "G")
-    assert square.bands(npoints=2).labels == ("G", "X", "M", "G")
-    assert hexagonal.bands("GM", 2, labels=["a", "b"]).labels == ("a", "b")
 
 
 def test_branches_that_touch_at_gamma_are_those_of_the_path():

@@ -1,10 +1,11 @@
-"""Lattices in one, two and three dimensions as data, the motions of their balls, and packings of them.
+"""The table of contacts, and lattices in one, two and three dimensions as data.
 
-Bands are in test_crystal_bands.py.
+Bands are in tests/dynamics/test_crystal_bands.py.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import re
@@ -18,8 +19,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.balls.lattices import LATTICES
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
+from granphon.balls.contact_table import contact_frames, find_contacts, steps_within, touch_once_at_most
+from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, as_direction, find_lattice
+from granphon.balls.motions import ALL
 from granphon.base.errors import InputError
 
 ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
@@ -272,6 +274,17 @@ def test_no_bent_lattice_is_in_equilibrium(height, steps, turn):
 @pytest.mark.parametrize(
     ("cell", "sites", "text"),
     [
+        (((1, 0), (1, 0)), ((0, 0),), "too small"),
+        (((1, 0), (0, 1)), ((0, 0), (0.5, 0.5)), "overlap"),
+        (((2, 0), (0, 2)), ((0, 0),), "touches no other"),
+        (((1, 0), (0, 3)), ((0, 0), (0, 0.5)), "pieces that do not touch: rows, 2 in each cell"),
+        (((3, 0), (0, 3)), ((0, 0), (1 / 3, 0), (0.5, 0.5)), "touches no other"),
+        (((1, 0), (0, math.nan)), ((0, 0),), "not finite"),
+        (((1, 0), (0, 1)), ((0, math.inf),), "not finite"),
+        (((1, 0), (0, 1)), (), "sites"),
+        (np.eye(2), np.zeros((0, 2)), "sites"),
+        (((1, 0), (0, 1), (1, 1)), ((0, 0),), "one to three vectors"),
+        (((1, 0), (0, 1)), ((0, 0, 0),), "as many fractions"),
         (np.eye(4), ((0,) * 4,), "one to three vectors"),
         (np.eye(3)[:, :2], ((),), "one to three vectors"),
         ((1.0, 0.0, 0.0), ((),), "one to three vectors"),
@@ -312,11 +325,6 @@ def test_sites_may_be_an_array():
     assert gp.Lattice("square", np.eye(2), np.zeros((1, 2))) == gp.Lattice("square", np.eye(2))
 
 
-def test_a_name_is_a_text():
-    with pytest.raises(InputError, match="name of a lattice"):
-        gp.Lattice(7, np.eye(3))
-
-
 def test_a_stress_that_is_no_pressure_in_space():
     # a leaning cube: its three pairs of contacts are not perpendicular to each other
     leaning = gp.Lattice("leaning", ((1, 0, 0), (0.3, math.sqrt(0.91), 0), (0, 0, 1)))
@@ -326,180 +334,221 @@ def test_a_stress_that_is_no_pressure_in_space():
     assert medium.at_force(1.0).normal_stiffness > 0
 
 
-# -- motions and packings -----------------------------------------------------------------------------------------------
+# -- the table of contacts --------------------------------------------------------------------------------------------
 
-WORDS = {1: ["longitudinal", "in_plane", "out_of_plane", "all"], 2: ["in_plane", "out_of_plane", "all"], 3: ["all"]}
-#: translations and rotations of a ball
-COUNTS = {"longitudinal": (1, 0), "in_plane": (2, 1), "out_of_plane": (1, 2), "all": (3, 3)}
-
-
-@pytest.mark.parametrize("name", NAMED)
-def test_motions_that_a_lattice_has(steel, name):
-    words = WORDS[LATTICES[name].dimension]
-    assert list(allowed_motions(LATTICES[name].dimension)) == words
-    assert (
-        gp.Packing(steel, 8e-3, lattice=name).ball_motions
-        == gp.Packing(steel, 8e-3, lattice=name, motions=words[0]).ball_motions
-    )
-    for word in words:
-        moving = gp.Packing(steel, 8e-3, lattice=name, motions=word).ball_motions
-        translations, rotations = COUNTS[word]
-        assert (moving.name, len(moving.translations), len(moving.rotations)) == (word, translations, rotations)
-        smooth = gp.Packing(steel, 8e-3, lattice=name, motions=word, friction=False).ball_motions
-        assert (len(smooth.translations), smooth.rotations) == (translations, ())
-    for word in set(COUNTS) - set(words):
-        with pytest.raises(InputError, match=f"{name} lattice has no motions '{word}'.*Use {', '.join(words)}"):
-            gp.Packing(steel, 8e-3, lattice=name, motions=word)
+HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
 
 
 @pytest.mark.parametrize(
-    ("motions", "torsion", "bending", "rotations"),
+    ("lattice", "coordination", "area"),
     [
-        ("all", 0.1, 0.0, (0, 1, 2)), ("all", 0.0, 0.1, (0, 1, 2)), ("all", "mindlin", 0.0, (0, 1, 2)),
-        ("in_plane", 0.0, 0.1, (2,)), ("out_of_plane", 0.1, 0.0, (0, 1)), ("all", 0.0, 0.0, ()),
+        (TRIANGULAR, 6, math.sqrt(3) / 2),
+        (SQUARE, 4, 1.0),
+        (KAGOME, 4, 2 / math.sqrt(3)),
+        (HONEYCOMB, 3, 3 * math.sqrt(3) / 4),
+    ],
+)
+def test_contacts_of_named_lattices_in_the_plane(twin, lattice, coordination, area):
+    assert lattice.coordination == coordination
+    assert_allclose(lattice.measure_per_ball, area, rtol=1e-15)
+    table = lattice.contacts
+    assert len(table) == coordination * lattice.n_balls // 2
+    # the twin sees every contact from both ends
+    expected = sorted(
+        (i, j, round(x, 9) + 0.0, round(y, 9) + 0.0) for i, j, (x, y) in twin.neighbours(lattice.cell, lattice.sites)
+    )
+    rows = list(zip(table.i.tolist(), table.j.tolist(), table.normal.tolist(), strict=True))
+    found = [(i, j, round(x, 9) + 0.0, round(y, 9) + 0.0) for i, j, (x, y) in rows]
+    found += [(j, i, round(-x, 9) + 0.0, round(-y, 9) + 0.0) for i, j, (x, y) in rows]
+    assert sorted(found) == expected
+
+
+def test_rows_of_the_table_agree_with_the_positions():
+    for lattice in (TRIANGULAR, SQUARE, KAGOME, HONEYCOMB):
+        table = lattice.contacts
+        vector = lattice.positions[table.j] + table.shift @ lattice.vectors - lattice.positions[table.i]
+        assert_allclose(table.vector, vector, atol=1e-15)
+        assert_allclose(np.linalg.norm(table.normal, axis=1), 1.0, rtol=1e-15)
+        assert_allclose(table.arm_i + table.arm_j, np.linalg.norm(table.vector, axis=1), rtol=1e-15)
+
+
+def test_table_is_read_only_and_scales():
+    table = TRIANGULAR.contacts
+    for field in dataclasses.fields(table):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(table, field.name)[:] = 0
+    small = table.scale(0.9)
+    assert_allclose(small.vector, 0.9 * table.vector, rtol=1e-15)
+    assert_allclose(small.arm_i, 0.45, rtol=1e-15)
+    assert_allclose(small.normal, table.normal, rtol=0)
+
+
+def test_hexagonal_cell_has_k_at_one_third_one_third():
+    # the corner of the zone is at 4 pi/3 along a1, the middle of an edge at 2 pi/sqrt(3) along y
+    lattice = gp.ContactLattice.of("triangular", 0.0)
+    assert_allclose(lattice.wavevectors([1 / 3, 1 / 3, 0]), [2 * math.pi / 3, 2 * math.pi / math.sqrt(3)], rtol=1e-14)
+    assert_allclose(np.linalg.norm(lattice.wavevectors([1 / 3, 1 / 3])), 4 * math.pi / 3, rtol=1e-14)
+    assert_allclose(np.linalg.norm(lattice.wavevectors([1 / 2, 0])), 2 * math.pi / math.sqrt(3), rtol=1e-14)
+
+
+@given(m=st.integers(-4, 4), n=st.integers(-4, 4), angle=st.floats(0, 7))
+def test_skewed_and_turned_cell_has_the_same_contacts(m, n, angle):
+    skew = np.array([[1, m], [0, 1]]) @ np.array([[1, 0], [n, 1]])
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    cell = skew @ TRIANGULAR.vectors @ turn.T
+    table = gp.Lattice("skewed", cell).contacts
+    both = np.concatenate([table.normal, -table.normal]) @ turn
+    angles = np.sort(np.degrees(np.arctan2(both[:, 1], both[:, 0])) % 60.0 % 60.0)
+    assert len(both) == 6
+    assert_allclose(np.minimum(angles, 60.0 - angles), 0.0, atol=1e-11)
+    sectors = np.sort(np.round(np.degrees(np.arctan2(both[:, 1], both[:, 0])) / 60.0).astype(int) % 6)
+    assert sectors.tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_sites_may_lie_outside_the_cell():
+    moved = gp.Lattice("kagome, scattered", KAGOME.cell, ((2.5, -1.0), (0.0, 3.5), (-0.5, 0.5)))
+    assert len(moved.contacts) == 6
+    assert moved.coordination == 4
+
+
+def test_lattice_keeps_no_hold_of_what_it_was_given():
+    cell = np.array([[1.0, 0.0], [0.0, 1.0]])
+    lattice = gp.Lattice("mine", cell)
+    cell[:] = 0.0
+    assert lattice.measure == 1.0
+    assert hash(lattice) == hash(gp.Lattice("mine", [[1, 0], [0, 1]]))
+    assert lattice == gp.Lattice("mine", [[1, 0], [0, 1]])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        lattice.name = "yours"
+
+
+def test_unknown_lattice_names_those_known():
+    with pytest.raises(InputError, match="chain, triangular, square, honeycomb, kagome, sc, bcc, fcc, hcp, diamond"):
+        find_lattice("hexagonl")
+    assert find_lattice("kagome") is KAGOME
+    assert find_lattice(HONEYCOMB) is HONEYCOMB
+
+
+@given(x=st.floats(-1, 1), y=st.floats(0.1, 1), scale=st.floats(-300, 300))
+def test_direction_is_a_unit_vector_at_any_scale(x, y, scale):
+    factor = 10.0**scale
+    unit = as_direction((x * factor, y * factor))
+    assert_allclose(np.hypot(*unit), 1.0, rtol=1e-15)
+    assert_allclose(unit, np.array([x, y]) / math.hypot(x, y), rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("bad", [(0, 0), (1, math.nan), (1, 2, 3), 1.0, (math.inf, 0)])
+def test_no_direction(bad):
+    with pytest.raises(InputError, match="direction"):
+        as_direction(bad)
+
+
+# -- packings ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_lattice_must_be_in_equilibrium():
+    height = 1.0 + math.sqrt(3.0) / 2.0
+    with pytest.raises(InputError, match="not in equilibrium"):
+        gp.Lattice("elongated", ((1, 0), (0.5, height)), ((0, 0), (-0.5 / height, 1 / height)))
+
+
+def test_an_anisotropic_stress_is_no_pressure():
+    rhombic = gp.Lattice("rhombic", ((1, 0), (math.cos(1.3), math.sin(1.3))))
+    medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice=rhombic))
+    with pytest.raises(InputError, match="is not a pressure"):
+        medium.at_pressure(400.0)
+    with pytest.raises(InputError, match="is not a pressure"):
+        _ = medium.at_force(1.0).pressure
+    assert gp.sound_velocities(medium.at_force(1.0), (1, 0)).longitudinal > 0
+
+
+# -- contacts in any dimension ------------------------------------------------------------------------------------------
+
+FCC = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]]) / math.sqrt(2.0)
+
+
+@given(m=st.integers(-5, 5), n=st.integers(-5, 5), radius=st.floats(0.5, 4.0))
+def test_lattice_vectors_within_a_sphere_whatever_the_cell(m, n, radius):
+    skew = np.array([[1, m, 0], [0, 1, n], [0, 0, 1]])
+    few, many = steps_within(FCC, radius), steps_within(skew @ FCC, radius)
+    assert sorted(map(tuple, many @ skew)) == sorted(map(tuple, few))
+    # in the cube of half the edge sqrt(2), fcc holds the points whose coordinates add up to an even number
+    cubes = np.stack(np.meshgrid(*[np.arange(-6, 7)] * 3), axis=-1).reshape(-1, 3)
+    cubes = cubes[cubes.sum(axis=1) % 2 == 0] / math.sqrt(2.0)
+    lengths = np.sort(np.linalg.norm(cubes, axis=1))
+    assert_allclose(np.sort(np.linalg.norm(few @ FCC, axis=1)), lengths[lengths <= radius], atol=1e-12)
+
+
+def test_contacts_of_fcc_and_of_a_chain():
+    table = find_contacts(FCC, np.zeros((1, 3)), "fcc")
+    expected = [[1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1], [0, 1, 1], [0, 1, -1]]
+    both = np.concatenate([table.normal, -table.normal]) * math.sqrt(2.0)
+    assert sorted(np.round(both, 12).tolist()) == sorted([*expected, *(-np.array(expected)).tolist()])
+    assert_allclose(table.shift @ FCC, table.vector, atol=1e-15)
+    chain = find_contacts(np.array([[2.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]]), "chain")
+    assert_allclose(sorted(chain.vector.tolist()), [[-1.0, 0.0], [1.0, 0.0]])
+
+
+@given(st.floats(0, math.pi), st.floats(0, 7))
+def test_frames_are_right_handed_and_turn_with_the_normal(polar, azimuth):
+    n = np.array([math.sin(polar) * math.cos(azimuth), math.sin(polar) * math.sin(azimuth), math.cos(polar)])
+    normal, first, second = np.array(contact_frames(n[None]))[..., 0]
+    assert_allclose(np.array([normal, first, second]) @ np.array([normal, first, second]).T, np.eye(3), atol=1e-14)
+    assert_allclose(np.cross(normal, first), second, atol=1e-14)
+    back = np.array(contact_frames(-n[None]))[..., 0]
+    assert_allclose(back, [-normal, -first, second], atol=1e-14)
+    if abs(n[2]) < 0.8:
+        assert_allclose(np.cross([0.0, 0.0, 1.0], n) @ first, np.hypot(n[0], n[1]), atol=1e-14)
+    flat = np.array([[math.cos(azimuth), math.sin(azimuth)]])
+    assert_allclose(contact_frames(flat), contact_frames(np.pad(flat, ((0, 0), (0, 1)))), atol=1e-15)
+
+
+def test_images_are_apart_in_a_skewed_cell_too():
+    # its shortest period is five of the first vector less the second, one diameter
+    cell = np.array([[1.0, 0.0], [5.0, 1.0]])
+    assert not touch_once_at_most(cell, (3, 1), 1.0)
+    assert touch_once_at_most(cell, (3, 3), 1.0)
+    long = np.array([[3.0, 0.0], [28.0, 1.5]])
+    # 28 - 9 x 3 = 1: one period is the vector (1, 1.5)
+    assert not touch_once_at_most(long, (1, 1), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        *((n, "a name") for n in ("", " ", 3, None)),
+        *((n, "a name that does not begin with =, +, - or @") for n in ("=1+1", "+1", "-1+1", "@SUM(A1)", " =1", "\uff1d1")),
+        *((n, "a name of letters that can be seen") for n in ("ab\u202edc", "square\u200b", "a\tb", "a\nb", "\x1b[31mred")),
     ],
 )  # fmt: skip
-def test_what_resists_rotations_without_friction(steel, motions, torsion, bending, rotations):
-    packing = gp.Packing(steel, 8e-3, lattice="chain", friction=False, motions=motions, torsion=torsion, bending=bending)
-    assert packing.ball_motions.rotations == rotations
+def test_a_lattice_has_a_name(name, allowed):
+    with pytest.raises(InputError, match=rf"^the name of a lattice: found .*; allowed: {re.escape(allowed)}\.") as caught:
+        gp.Lattice(name, ((1.0, 0.0), (0.0, 1.0)))
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["a-b = c+d", "carré", "正方", "2 x 2", "mine@home"])
+def test_other_names_are_taken(name):
+    assert gp.Lattice(name, ((1.0, 0.0), (0.0, 1.0))).name == name
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
+    ("name", "cell", "sites"),
     [
-        ({"motions": "sideways"}, "no motions 'sideways'"),
-        ({"motions": "All"}, "no motions 'All'"),
-        ({"motions": ""}, "no motions ''"),
-        ({"motions": 6}, "no motions 6"),
-        ({"motions": ["all"]}, "no motions"),
-        ({"torsion": -1e-9}, "torsion"),
-        ({"torsion": math.nan}, "torsion"),
-        ({"torsion": math.inf}, "torsion"),
-        ({"torsion": "Mindlin"}, "torsion is 'Mindlin'.*mindlin"),
-        ({"torsion": None}, "torsion"),
-        ({"torsion": [0.1, 0.2]}, "torsion"),
-        ({"bending": -1.0}, "bending"),
-        ({"bending": math.nan}, "bending"),
-        ({"bending": "mindlin"}, "bending"),
-        ({"lattice": "chain", "torsion": 0.1}, "torsion without rotations.*'longitudinal'.*motions out_of_plane, all, or"),
-        (
-            {"lattice": "chain", "bending": 0.1},
-            "bending without rotations.*motions in_plane, out_of_plane, all, or leave it",
-        ),
-        ({"lattice": "chain", "motions": "in_plane", "torsion": 0.1}, "torsion without rotations about the normals"),
-        (
-            {"lattice": "kagome", "torsion": "mindlin"},
-            "torsion without rotations about .*'in_plane'.* out_of_plane, all, or",
-        ),
-        ({"lattice": "square", "torsion": 0.1, "bending": 0.1}, "^torsion without.* motions out_of_plane, all, or leave it"),
-        ({"lattice": "chain", "torsion": "mindlin"}, "torsion without rotations"),
-        (
-            {"lattice": "chain", "motions": "longitudinal", "torsion": 0.1, "bending": 0.2},
-            "torsion and bending without .*leave both",
-        ),
+        ("fcc", np.sqrt(2.0) * np.eye(3), ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5))),
+        ("fcc", np.eye(3), ((),)), ("triangular", ((1.0, 0.0), (0.5, math.sqrt(0.75))), ((),)),
+        ("chain", ((1.0, 0.0, 0.0),), ((),)), ("square", ((1.0, 0.0), (0.0, 1.0)), ((0.5, 0.5),)),
     ],
-)
-def test_packings_that_cannot_be(steel, change, text):
-    with pytest.raises(InputError, match=text) as caught:
-        gp.Packing(**({"material": steel, "diameter": 8e-3, "lattice": "fcc"} | change))
-    assert "\n" not in str(caught.value)
+)  # fmt: skip
+def test_a_known_name_belongs_to_its_cell(name, cell, sites):
+    with pytest.raises(InputError, match=f"the lattice '{name}' has a cell or sites of its own.*Give yours another name"):
+        gp.Lattice(name, cell, sites)
+    assert gp.Lattice(f"my {name}", cell, sites).name == f"my {name}"
 
 
-@pytest.mark.parametrize("motions", [LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL])
-def test_rotations_are_those_that_something_resists(motions):
-    # shear and bending resist all, torsion those that turn about some normal: none in the plane
-    assert select_motions(0.0, among=motions).rotations == ()
-    assert select_motions(0.1, among=motions) == motions
-    assert select_motions(0.0, 0.0, 0.1, motions) == motions
-    assert select_motions(0.0, 0.1, 0.0, motions).rotate is (motions.rotate and motions is not IN_PLANE)
-
-
-# -- torsion of a Hertz contact -----------------------------------------------------------------------------------------
-
-
-def turned_surface(x, y, poisson_ratio, nodes=64):
-    """Displacement at (x, y) of a half-space, G = 1, under tractions (-y, x) (4/pi)/sqrt(1 - x^2 - y^2) on the unit circle.
-
-    Cerruti: a force Q at distance s along e moves the surface by [(1 - nu) Q + nu e (e.Q)]/(2 pi G s) (K. L. Johnson,
-    Contact Mechanics, 1985, section 3.6). Along a line through the point, which leaves the circle at s1 and s2, the root is
-    that of (s2 - s)(s - s1), and s cancels: Gauss and Chebyshev's rule is exact.
-    """
-    total = np.zeros(2)
-    for angle in (np.arange(nodes) + 0.5) * math.pi / nodes:
-        e = np.array([math.cos(angle), math.sin(angle)])
-        middle, root = -(x * e[0] + y * e[1]), math.sqrt(1 - (x * e[1] - y * e[0]) ** 2)
-        for s in middle + root * np.cos(np.array([1, 3, 5]) * math.pi / 6):
-            force = 4 / math.pi * np.array([-(y + s * e[1]), x + s * e[0]])
-            total += math.pi / 3 * ((1 - poisson_ratio) * force + poisson_ratio * e * (e @ force))
-    return total * (math.pi / nodes) / (2 * math.pi)
-
-
-@pytest.mark.claim("mindlin-torsion")
-def test_torsion_of_a_bonded_circle():
-    # Mindlin's traction turns the circle as one piece by the angle 1, whatever Poisson's ratio; its torque is 16/3 G r^3.
-    # Two balls turn by half the relative angle each: k_t = 8/3 G r^3
-    for poisson_ratio in (0.0, 0.276, 0.5):
-        for x, y in ((0.0, 0.0), (0.3, 0.4), (0.1, -0.8), (0.95, 0.0)):
-            assert_allclose(turned_surface(x, y, poisson_ratio), [-y, x], atol=1e-14)
-    with mpmath.workdps(30):
-        torque = mpmath.quad(lambda r: 2 * mpmath.pi * r**3 * 4 / mpmath.pi / mpmath.sqrt(1 - r**2), [0, 1])
-    assert float(torque) == pytest.approx(16 / 3, rel=1e-9)
-
-
-@pytest.mark.claim("mindlin-torsion")
-@given(
-    load=st.floats(-12, 3),
-    diameter=st.floats(-6, 1),
-    poisson_ratio=st.floats(-0.9, 0.5),
-    name=st.sampled_from(["chain", "triangular", "fcc"]),
-)
-def test_torsion_of_a_hertz_contact_at_any_load(load, diameter, poisson_ratio, name):
-    young, d = 70e9, 10.0**diameter
-    packing = gp.Packing(gp.Material(young, poisson_ratio, 2500.0), d, lattice=name, motions="all", torsion="mindlin")
-    force = 10.0**load * young * d**2 * 1e-8
-    state = gp.AveragedLattice(packing).at_force(force)
-    # Hertz: r^3 = 3 f R/(4 E*), R = d/4, E* = E/2(1 - nu^2), delta = r^2/R, k = 2 E* r
-    modulus, shear = young / (2 * (1 - poisson_ratio**2)), young / (2 * (1 + poisson_ratio))
-    radius = (3 * force * d / (16 * modulus)) ** (1 / 3)
-    assert state.torsion_stiffness == pytest.approx(8 / 3 * shear * radius**3, rel=1e-12)
-    assert state.normal_stiffness == pytest.approx(2 * modulus * radius, rel=1e-12)
-    assert state.torsion == pytest.approx((1 - poisson_ratio) / 3 * 4 * radius**2 / d**2, rel=1e-12)
-    assert state.torsion == pytest.approx((1 - poisson_ratio) / 3 * state.overlap / d, rel=1e-12)
-
-
-def test_torsion_has_the_shape_of_the_load(steel):
-    packing = gp.Packing(steel, 8e-3, lattice="fcc", torsion="mindlin")
-    states = gp.AveragedLattice(packing).at_force(np.array([[1.0, 8.0], [27.0, 64.0]]))
-    assert states.torsion.shape == (2, 2)
-    # overlap goes as f^(2/3)
-    assert_allclose(states.torsion / states.torsion[0, 0], [[1, 4], [9, 16]], rtol=1e-13)
-    fixed = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="fcc", torsion=0.1, bending=0.2)).at_force(
-        np.array([1.0, 8.0])
-    )
-    assert_allclose(fixed.torsion, 0.1, rtol=0)
-    assert_allclose(fixed.torsion_stiffness, 0.1 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)
-    assert_allclose(fixed.bending_stiffness, 0.2 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)
-
-
-@pytest.mark.parametrize("more", [{"motions": "all"}, {"motions": "out_of_plane"}])
-def test_what_a_simulation_does_not_know_is_refused(steel, more):
-    with pytest.raises(InputError, match="are not simulated"):
-        gp.DirectSimulation(gp.Packing(steel, 8e-3, **more))
-
-
-@pytest.mark.parametrize("lattice", ["chain", "triangular"])
-def test_motions_that_deform_no_contact_have_bands_at_zero(steel, lattice):
-    packing = gp.Packing(steel, 8e-3, lattice=lattice, motions="out_of_plane", friction=False)
-    ph = gp.Phonons(gp.AveragedLattice(packing).at_force(18.0))
-    bands = ph.bands(npoints=3)
-    assert not np.any(bands.frequencies)
-    assert any("branches vanishes at every wave vector" in one for one in bands.warnings)
-    assert not np.any(ph.calculator.get_force_constants(ph.atoms))
-    with pytest.raises(InputError, match="every branch vanishes"):
-        ph.dos()
-
-
-@pytest.mark.parametrize("name", ["torsion", "bending"])
-def test_a_stiffness_beyond_all_contacts_is_refused(steel, name):
-    with pytest.raises(InputError, match=f"{name} is 1e.*300"):
-        gp.Packing(steel, 8e-3, lattice="fcc", **{name: 1e300})
+@pytest.mark.parametrize("name", LATTICES)
+def test_the_cell_of_a_known_lattice_may_bear_its_name(name):
+    known = LATTICES[name]
+    assert gp.Lattice(name, known.cell, known.sites) == known
+    rounded = gp.Lattice(name, known.vectors.round(7), known.sites)
+    assert len(rounded.contacts) == len(known.contacts)
