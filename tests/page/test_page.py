@@ -283,7 +283,7 @@ def test_everything_is_in_the_page(page):
     assert len(page.encode()) <= 6e6
     assert not re.search(r"""<(?:script|img|iframe)[^>]*\ssrc=|<link\b""", page[:20_000] + page[-120_000:])
     assert "default-src 'none'" in page
-    assert "<title>&lt;/title>&lt;script>a &amp; b</title>" in page
+    assert "<title>&lt;/title&gt;&lt;script&gt;a &amp; b</title>" in page
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert found
     assert json.loads(found[1])["lattice"]["name"] == "triangular"
