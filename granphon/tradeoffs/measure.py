@@ -1,8 +1,8 @@
 """Measure speed against accuracy: time and error of each medium, and of each knob inside one.
 
-The studies (:mod:`granphon.tradeoffs.questions`) are tasks (:mod:`granphon.sweeps.tasks`) that share a budget of time. Those
-that are finished are kept, and an interrupted trade-off continues from them. Each point of a study is timed several times
-after a run to warm up, and its error is that of the quantities that a scene observes.
+The studies (:mod:`granphon.tradeoffs.questions`) are tasks (:mod:`granphon.sweeps.execution`) that share a budget of time.
+Those that are finished are kept, and an interrupted trade-off continues from them. Each point of a study is timed several
+times after a run to warm up, and its error is that of the quantities that a scene observes.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.accuracy import read_truth
-from granphon.sweeps.jobs import to_json
+from granphon.sweeps.execution import solve_all
 from granphon.sweeps.store import Store, TaskResult
-from granphon.sweeps.tasks import solve_all
+from granphon.sweeps.tasks import to_json
 from granphon.sweeps.workers import packages
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import NOT_MEASURED, SECONDS, Deadline, Point, Reference, Stopwatch, Study
