@@ -32,7 +32,7 @@ ALIASES = {
     "Law": "granphon.media.state.ContactLaw",
     "SampleLaw": "granphon.media.state.ContactLaw",
     "StateT": "granphon.media.state.ContactState",
-    "Compatibility": "granphon.dynamics.modes.ContactLattice",
+    "Compatibility": "granphon.dynamics.contact_lattice.ContactLattice",
     "TrueEquilibrium": "granphon.array.equilibrium.Equilibrium",
     "PressedEquilibrium": "granphon.array.equilibrium.Equilibrium",
     "Equilibrium": "granphon.array.equilibrium.Equilibrium",
@@ -41,10 +41,10 @@ ALIASES = {
 _ELEMENTS = {"int64": "[int]", "bool": "[bool]", "complex128": "[complex]"}
 #: public by name, and no part of the interface: what classes of the package ask of each other
 INNER = frozenset({
-    "options", "check_mean",
-    "check_sizes", "check_state", "once", "loaded_lattice", "overlap_of_equal_balls", "branch_scales", "prescribed",
+    "options", "check_mean", "history",
+    "check_sizes", "check_state", "cached", "loaded_lattice", "overlap_of_equal_balls", "branch_scales", "prescribed",
     "require", "discard_results_on_any_change", "implemented_properties", "set", "units_of", "flat", "describe",
-    "width_units", "response", "tally", "plan", "survey", "rung", "is_exact", "operator", "parameters_of_branches",
+    "width_units", "response", "tally", "plan", "survey", "serving", "is_exact", "operator", "parameters_of_branches",
     "waves_need_arrays", "to_info",
     "arrays", "long_law", "prepare", "slow_part", "is_solved_anew", "count_start", "require_start",
 })  # fmt: skip

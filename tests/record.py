@@ -1,7 +1,7 @@
 """Some two hundred results over all features at full precision, to be compared before and after a change of structure.
 
-    python tests/record.py FILE.npz              writes them
-    python tests/record.py FILE.npz --compare    computes them again, and lists what differs by more than it may
+    python -m tests.record FILE.npz              writes them
+    python -m tests.record FILE.npz --compare    computes them again, and lists what differs by more than it may
 
 Arrays may differ by 1e-13 of their largest entry, frequencies near Gamma each by that of itself, results of simulations by
 the residual of their equilibria. Eigenvectors are recorded as projectors on each set of degenerate modes.
@@ -9,9 +9,13 @@ the residual of their equilibria. Eigenvectors are recorded as projectors on eac
 
 from __future__ import annotations
 
+import sys
+
+if __name__ == "__main__" and sys.path[0] == __file__.rpartition("/")[0]:
+    del sys.path[0]  # beside this file there are folders with names of modules, such as array
+
 import argparse
 import itertools
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path

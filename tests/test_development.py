@@ -66,31 +66,5 @@ def test_the_versions_of_a_release_agree():
     assert re.fullmatch(r"unreleased|\d{4}-\d\d-\d\d", dated)
 
 
-def test_each_version_of_the_changelog_has_a_list_of_each_kind_once():
-    for text in re.split(r"^## ", read("CHANGELOG.md"), flags=re.MULTILINE)[1:]:
-        kinds = re.findall(r"^### (\w+)$", text, re.MULTILINE)
-        assert len(kinds) == len(set(kinds))
-        assert set(kinds) <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
-        assert not re.search(r"^- .*(\n  .*)*\n\n- ", text, re.MULTILINE), "a blank line parts the entries of one list"
-
-
-# -- what is run before a change ------------------------------------------------------------------------------------
-
-
-def test_the_hooks_run_what_the_extra_installs_and_all_that_a_change_must_pass():
-    (repository,) = yaml.safe_load(read(".pre-commit-config.yaml"))["repos"]
-    assert repository["repo"] == "local"
-    hooks = {hook["id"]: hook for hook in repository["hooks"]}
-    assert all(hook["language"] == "system" for hook in hooks.values()), "a hook that fetches its own versions"
-    entries = [hook["entry"] for hook in hooks.values()]
-    before = re.search(r"^## Before you send a change\n(.*?)^## ", read("CONTRIBUTING.md"), re.MULTILINE | re.DOTALL)
-    assert before is not None
-    for command in ("ruff check", "ruff format", "mypy"):
-        assert any(entry.startswith(command) for entry in entries), command
-        assert re.search(rf"^{command}\b", before[1], re.MULTILINE), command
-    lint = " ".join(PROJECT["optional-dependencies"]["lint"])
-    assert all(f"{package}>=" in lint for package in ("ruff", "mypy", "pre-commit", "pre-commit-hooks"))
-
-
 if __name__ == "__main__":
     print(lowest(), end="")

@@ -246,7 +246,7 @@ def calls(monkeypatch):
 
         monkeypatch.setattr(owner, name, counted)
 
-    count(MediumChoice, "rungs", "choice")
+    count(MediumChoice, "choose", "choice")
     count(parameters, "change_packing", "packing")
     for one in (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium):
         count(one, "at", "state")

@@ -22,9 +22,9 @@ from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import STIFFNESS
 from granphon.media.mean_field import LawMedium
-from granphon.tradeoffs.references import balance
 from tests.conftest import only
 from tests.laws.test_effective import kinds
+from tests.references import balance
 from tests.test_docs import DOCS, PAGES, ROOT, blocks, links, name_of
 from tests.test_required import load
 

@@ -1,14 +1,13 @@
 """Kinds of deformation of a lattice's contacts, as rows of C on the fields of an array.
 
-A field is one motion of one ball of the cell. Displacements are projected on normals of contacts, so that many elongations
-are plain differences; see :mod:`granphon.array.stencils`.
+A field is one motion of one ball of the cell. Displacements are projected on normals of contacts; see
+:mod:`granphon.array.stencils`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +17,6 @@ from granphon.dynamics.rows import Row
 Array = NDArray[np.float64]
 #: least sine of the angle between a normal and those before it, for displacements to be projected on it
 _INDEPENDENT = 0.1
-
-
-class ArrayRow(NamedTuple):
-    """A kind of deformation of the contacts between balls one ``shift`` apart: head of ball j less tail of ball i.
-
-    ``head`` and ``tail`` are pairs (field, coefficient). ``ratio`` is the stiffness over that of elongation.
-    """
-
-    shift: tuple[int, ...]
-    head: tuple[tuple[int, float], ...]
-    tail: tuple[tuple[int, float], ...]
-    ratio: float
 
 
 def find_basis(normal: Array) -> Array:
@@ -42,31 +29,21 @@ def find_basis(normal: Array) -> Array:
     return np.array(chosen)
 
 
-def make_rows(kind: Row, shifts: Sequence[tuple[int, ...]], ends: Sequence[tuple[int, int]], basis: Array) -> list[ArrayRow]:
-    """Return one ``kind`` of deformation for each kind of contact, which joins the balls ``ends`` of cells ``shifts`` apart.
+def project_rows(kinds: Sequence[Row], ends: Sequence[tuple[int, int]], basis: Array, fields: int) -> Array:
+    """Return (2, rows, fields) coefficients of motions in the cell of ball j, then in that of ball i.
 
-    Displacements are those along the rows of the ``basis``.
+    Each of the ``kinds`` comes for all contacts, between the balls ``ends`` (i, j) of the cell. Displacements are those
+    along the rows of the ``basis``.
     """
-    m, p = np.shape(kind.head)[-1], len(basis)
-    project = np.eye(m)
-    project[:p, :p] = np.linalg.inv(basis)
-    pairs = [
-        [tuple((m * ball + at, c) for at, c in enumerate(line) if c) for ball, line in zip(balls, lines, strict=True)]
-        for balls, lines in (
-            ([j for _, j in ends], _round_coefficients(kind.head @ project).tolist()),
-            ([i for i, _ in ends], _round_coefficients(kind.tail @ project).tolist()),
-        )
-    ]
-    return [ArrayRow(shift, head, tail, float(kind.stiffness)) for shift, head, tail in zip(shifts, *pairs, strict=True)]
-
-
-def stack_coefficients(rows: Sequence[ArrayRow], fields: int) -> Array:
-    """Return (2, rows, fields) coefficients of the motions of ball j in each kind of deformation, then those of ball i."""
-    found = np.zeros((2, len(rows), fields))
-    for ends, name in zip(found, ("head", "tail"), strict=True):
-        for line, row in zip(ends, rows, strict=True):
-            for field, factor in getattr(row, name):
-                line[field] = factor
+    p, n, found = len(basis), len(ends), np.zeros((2, len(kinds) * len(ends), fields))
+    for place, kind in enumerate(kinds):
+        m = np.shape(kind.head)[-1]
+        project = np.eye(m)
+        project[:p, :p] = np.linalg.inv(basis)
+        for at, coefficients in enumerate((kind.head @ project, kind.tail @ project)):
+            for contact, (ball, line) in enumerate(zip(ends, _round_coefficients(coefficients), strict=True)):
+                first = m * ball[1 - at]
+                found[at, place * n + contact, first : first + m] = line
     return found
 
 
@@ -81,6 +58,6 @@ def _orthonormal(vectors: list[Array]) -> list[Array]:
 
 
 def _round_coefficients(coefficients: Array) -> Array:
-    """Round coefficients that differ from whole numbers by rounding only, so that a product with one can be skipped."""
+    """Round coefficients that differ from whole numbers by rounding only."""
     near = np.rint(coefficients)
     return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)

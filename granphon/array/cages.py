@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.array_rows import number_cells
+from granphon.array.sparse_matrices import factorise
 from granphon.array.true_geometry import ExactGeometry
 
 Array = NDArray[np.float64]
@@ -125,7 +126,6 @@ class _Clusters:
     def _find_step(self, pull: Array, root: Array, size: Array, normal: Array, left: Array, force: float) -> Array:
         """Return the step (p, balls) of Newton's method."""
         from scipy.sparse import coo_array, diags_array
-        from scipy.sparse.linalg import splu
 
         p, count, mean = *pull.shape, 1.5 * np.cbrt(force)
         aside = self._ratio * root**3 / size
@@ -146,8 +146,7 @@ class _Clusters:
         entries: Any = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
         held = mean * (_HOLDING + _ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
         matrix = coo_array(entries, shape=(p * count, p * count)).tocsc() + diags_array(np.repeat(held, p), format="csc")
-        factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        return np.asarray(factors.solve(pull.T.ravel()).reshape(count, p).T)
+        return np.asarray(factorise(matrix).solve(pull.T.ravel()).reshape(count, p).T)
 
     def _move(self, pull: Array, step: Array, root: Array, at_rest: float) -> None:
         """Take a step; balls that touch, or would at its end, go the same part of it, to where their energy is least.

@@ -1,96 +1,113 @@
-"""The method of conjugate gradients for the linear equations of an array of balls, C^T K C u = f."""
+"""The method of conjugate gradients, preconditioned, for the linear equations of an array of balls, C^T K C u = f."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.contact_operator import ContactHessian
+from granphon.array.stencils import Motion, dot
 
 Array = NDArray[np.float64]
-#: largest number of steps in one step of Newton's method
-_CONJUGATE_STEPS = 3000
+Values = NDArray[Any]
+Map = Callable[[Values], Values]
+#: largest number of iterations in one step of Newton's method
+_MOST_ITERATIONS = 3000
+#: number of elements of vectors that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**15
 
 
-def solve_by_conjugate_gradients(
-    stencils: Stencils,
-    stiffness: Array,
-    force: Motion,
-    precondition: Callable[[Array], Array],
-    reduction: float,
-    free: bool = False,
-    springs: Array | None = None,
-) -> tuple[Motion, int]:
-    """Solve C^T K C u = ``force``, and return u with the number of steps taken.
-
-    The iteration ends when the error in the energy norm has fallen by about ``reduction``, or at its largest number of
-    steps, from where Newton's method goes on. If ``free`` is true, the compression is an unknown too. ``springs`` is the
-    stiffness in rooms with margins of zeros, if that is at hand.
-    """
-    contacts = stencils.n_contacts * stiffness[0].size
-    held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
-    left, press = force.balls.astype(stiffness.dtype), force.compression
-    balls, compression = np.zeros_like(left), 0.0
-    way, out = stencils.padded(left.dtype), stencils.padded(left.dtype)
-    inner, springs = way[stencils.rooms.inner], stencils.rooms.fill(stiffness) if springs is None else springs
-    better = precondition(left)
-    product = first = dot(left, better) + held * press * press
-    inner[...] = better
-    squeeze, count = held * press, 0
-    while product > reduction**2 * first and count < _CONJUGATE_STEPS:
-        stencils.rooms.wrap(way)
-        change, pull, energy = stencils.product(springs, way, squeeze if free else None, out)
-        if energy <= 0.0:  # nothing but rounding is left
-            break
-        length = product / energy
-        for rows in stencils.blocks(stencils.n_fields):
-            balls[:, rows] += length * inner[:, rows]
-            left[:, rows] -= length * change[:, rows]
-        if free:
-            compression += length * squeeze
-            press += length * pull
-        better = precondition(left)
-        last, product = product, dot(left, better) + held * press * press
-        turn = product / last
-        for rows in stencils.blocks(stencils.n_fields):
-            inner[:, rows] = turn * inner[:, rows] + better[:, rows]
-        squeeze = turn * squeeze + held * press
-        count += 1
-    return Motion(balls, compression), count
-
-
-def solve_by_descent(
-    apply: Callable[[NDArray[Any]], NDArray[Any]],
-    precondition: Callable[[NDArray[Any]], NDArray[Any]],
-    right: NDArray[Any],
+def conjugate_gradients(
+    apply: Map,
+    precondition: Map,
+    right: Values,
     reduction: float,
     most: int,
     floor: float = 0.0,
-) -> tuple[NDArray[Any], int, bool]:
+    of_residual: bool = False,
+) -> tuple[Values, int, bool]:
     """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by ``reduction``.
 
-    Vectors have the precision of ``right``. Returns the solution, the number of steps, and whether all curvatures met were
-    above zero: if not, the solution is that before the first that was not. ``floor`` is the square of the norm below which
-    the rest is rounding.
+    If ``of_residual`` is true, it is the norm of the residual that has to fall, which saves the last use of the
+    preconditioner. Vectors have the precision of ``right``. Returns the solution, the number of iterations, and whether all
+    curvatures met were above zero: if not, the solution is that before the first that was not. ``floor`` is the square of
+    the norm below which the rest is rounding.
     """
     found, left = np.zeros_like(right), right.copy()
-    better = precondition(left)
-    way, product = better, dot(left, better)
-    first = product
-    for count in range(most):
-        if product <= max(reduction**2 * first, floor):
+    aim, product = reduction**2 * dot(right, right) if of_residual else math.inf, 0.0
+    way = np.zeros_like(right)
+    for count in range(most + 1):
+        if of_residual and dot(left, left) <= max(aim, floor):
             return found, count, True
+        better = precondition(left)
+        last, product = product, dot(left, better)
+        if not of_residual:
+            aim = reduction**2 * product if aim == math.inf else aim
+            if product <= max(aim, floor):
+                return found, count, True
+        if count == most:
+            break
+        _scale_and_add(way, product / last if count else 0.0, better)
         change = apply(way)
         curvature = dot(way, change)
         if curvature <= 0.0:
             return found, count, False
         length = product / curvature
-        found += length * way
-        left -= length * change
-        better = precondition(left)
-        last, product = product, dot(left, better)
-        way = better + (product / last) * way
+        _add(found, length, way)
+        _add(left, -length, change)
     return found, most, True
+
+
+def solve_for_motion(
+    product: ContactHessian, force: Motion, precondition: Map, reduction: float, stiffness: float | None
+) -> tuple[Motion, int]:
+    """Solve C^T K C u = ``force``, and return u with the number of iterations.
+
+    The residual falls by ``reduction``, or the iteration ends at its largest number, from where Newton's method goes on.
+    With a ``stiffness``, the mean of those of all contacts, the compression is an unknown too.
+    """
+    shape, size = force.balls.shape, force.balls.size
+    if stiffness is None:
+        balls, count, _ = conjugate_gradients(
+            lambda balls: product(balls)[0], precondition, force.balls, reduction, _MOST_ITERATIONS, of_residual=True
+        )
+        return Motion(balls, 0.0), count
+
+    root = math.sqrt(product.n_contacts)  # over which what the contacts lack in sum is as large as forces on balls
+
+    def join(balls: Values, press: float) -> Values:
+        out = np.empty(size + 1, balls.dtype)
+        out[:size], out[size] = balls.ravel(), press
+        return out
+
+    def apply(vector: Values) -> Values:
+        change, push = product(vector[:size].reshape(shape), float(vector[size]) / root)
+        return join(change, push / root)
+
+    def invert(vector: Values) -> Values:
+        return join(precondition(vector[:size].reshape(shape)), float(vector[size]) / stiffness)
+
+    right = join(force.balls, force.compression / root)
+    found, count, _ = conjugate_gradients(apply, invert, right, reduction, _MOST_ITERATIONS, of_residual=True)
+    return Motion(found[:size].reshape(shape), float(found[size]) / root), count
+
+
+def _add(vector: Values, factor: float, other: Values) -> None:
+    """Add a multiple of another vector to a vector."""
+    one, two = vector.reshape(-1), other.reshape(-1)
+    for low in range(0, one.size, _CACHED):
+        part = one[low : low + _CACHED]
+        np.add(part, factor * two[low : low + _CACHED], out=part)
+
+
+def _scale_and_add(vector: Values, factor: float, other: Values) -> None:
+    """Multiply a vector by a factor, and add another to it."""
+    one, two = vector.reshape(-1), other.reshape(-1)
+    for low in range(0, one.size, _CACHED):
+        part = one[low : low + _CACHED]
+        np.multiply(part, factor, out=part)
+        np.add(part, two[low : low + _CACHED], out=part)

@@ -24,7 +24,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.conjugate_gradients import solve_for_motion
 from granphon.array.geometry import LatticeGeometry
 from granphon.array.interior import approach
 from granphon.array.linear_response import find_linear_response
@@ -56,10 +56,10 @@ _ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
-#: error of a linear system, as a fraction of that by which the step before came nearer to rest: where balls that nothing
-#: holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput.
-#: 17, 16 (1996), choose accuracies in this way)
-_PROGRESS = 0.3
+#: largest residual of a linear system, over its right side. Otherwise it is the ratio by which the step before came nearer
+#: to rest, to this power: where balls that nothing holds come to rest, progress is slow, however accurate the steps (S. C.
+#: Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose accuracies in this way)
+_LOOSEST, _PROGRESS = 0.15, 1.2
 #: length of a step below which the linear equations of later ones are solved in double precision
 _SPOILT_LENGTH = 0.3
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
@@ -262,12 +262,15 @@ def equilibrate(
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
         found = approach(LatticeGeometry(stencils, deviations), y, balls, load.force if free else None, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
-    pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
+    elif fresh and not equal and y + float(np.min(means)) > 0.0:
+        # all contacts are closed on the sites: begin where springs that are alike would bring the balls. Where some are
+        # open, balls that nothing holds stay nearer to their sites if they begin there
+        balls = stencils.green_preconditioner(means.dtype, 1.0)(stencils.forces(means))
     # linear equations need few digits, and single precision takes half of the time
-    single, before = not begun, math.inf
-    here = NewtonIterate.find(y, balls, pairs, root, load, stencils)
+    single, before = not begun, 0.0
+    here = NewtonIterate.find(y, balls, means, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
-        if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
+        if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
             raise InputError(
                 message(
                     f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
@@ -282,20 +285,21 @@ def equilibrate(
                 residual=here.left / here.force, newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
-        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance, _PROGRESS * distance / before))
-        springs = root if single else root.astype(float)
-        stiffness = springs[stencils.rooms.inner]
+        reduction = min(_LOOSEST, max(0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST))
+        stiffness = here.root if single else here.root.astype(float)
         stiffness *= 1.5 / here.level
         stiffness += _ADDED_STIFFNESS * min(1.0, distance)
-        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
+        product = stencils.hessian(stiffness)
+        inverse = inverses.choose(stiffness, product=product) if begun else stencils.preconditioner(stiffness, product)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
         size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
-        rest = Motion(here.rest.balls / size, here.rest.compression / size)
-        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
+        rest = Motion((here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size)
+        mean = float(np.mean(stiffness)) if free else None
+        step, taken = solve_for_motion(product, rest, inverse, reduction, mean)
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)
-        here, length = take_step(here, step, pairs, root, load, stencils)
+        here, length = take_step(here, step, means, load, stencils)
         # where balls that nothing holds move far, single precision may spoil a step
         steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(

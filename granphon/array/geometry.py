@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
-from granphon.array.coupling import CoupledProduct
+from granphon.array.conjugate_gradients import solve_for_motion
+from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils
@@ -123,7 +123,8 @@ class LatticeGeometry:
         free: bool,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve C^T K C u = ``right``; see :class:`Geometry`."""
-        return solve_by_conjugate_gradients(self.stencils, stiffness, right, inverse, reduction, free)
+        mean = float(np.mean(stiffness)) if free else None
+        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)
 
 
 class LatticePlace:
@@ -134,8 +135,7 @@ class LatticePlace:
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
         self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
         stencils, n = self._stencils, self._stencils.n_contacts
-        small = stencils.coupling.is_small
-        rows = stencils.coupling.stretch(balls) if small else stencils.deformations(Motion(balls, 0.0))
+        rows = stencils.operator.deform(balls)
         self.overlaps = overlap + geometry.means - rows[:n]
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
@@ -149,9 +149,7 @@ class LatticePlace:
 
     def pull(self, forces: Array, shears: Array) -> Array:
         """Return the forces on balls."""
-        if self._stencils.coupling.is_small:
-            return self._stencils.coupling.pull(forces, *-shears)
-        return self._stencils.forces(self._stack(forces, -shears))
+        return self._stencils.forces(forces, *-shears)
 
     def press(self, forces: Array, shears: Array) -> float:
         """Return the mean normal force."""
@@ -160,9 +158,6 @@ class LatticePlace:
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return the changes of forces by motions in single precision, times -1; nothing turns."""
         return multiply(self._stencils, tangent)
-
-    def _stack(self, normal: Array, slips: Array) -> Array:
-        return np.concatenate([normal, slips.reshape(-1, *self._stencils.shape)])
 
 
 def find_boundary_force(place: Place, forces: Array, shears: Array) -> float:
@@ -181,4 +176,7 @@ def find_lack(load: ReducedLoad, place: Place, forces: Array, shears: Array) -> 
 
 def multiply(stencils: Stencils, tangent: Tangent) -> Product:
     """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions in single precision."""
-    return CoupledProduct(stencils.coupling, tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
+    coupling = {(1 + slip, 0): -one for slip, one in enumerate(tangent.coupling)}
+    for one in -tangent.cross:
+        coupling |= {(1, 2): one, (2, 1): one}
+    return ContactHessian(stencils.operator, [tangent.stiffness, *tangent.springs], coupling)

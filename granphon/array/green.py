@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from granphon.array.array_rows import ArrayRow
 
 Array = NDArray[np.float64]
 #: number of wave vectors at which matrices are inverted at a time
@@ -18,14 +17,20 @@ _SINGULAR = 1e-14
 
 
 def green_function(
-    rows: Sequence[ArrayRow], shape: tuple[int, ...], is_rotation: Sequence[bool], n_balls: int
-) -> tuple[tuple[Any, ...], ...]:
+    coefficients: Array,
+    shifts: Sequence[tuple[int, ...]],
+    ratios: Sequence[float],
+    shape: tuple[int, ...],
+    is_rotation: Sequence[bool],
+    n_balls: int,
+) -> NDArray[Any]:
     """Return the inverse of C^T K C of contacts of stiffness one, as entries [a][b] over pairs of fields.
 
-    ``is_rotation`` says which of the fields are rotations. Entries have the shape (L1, ..., Lp/2 + 1) of the waves of real
-    arrays. They are zero for translations of the whole array, and for other waves that deform no contact: where no ring of
-    contacts is odd, balls can turn like gears, each against its neighbours. With one ball in the cell entries are real:
-    rotations are multiplied by i. With several they are complex.
+    C has the ``coefficients`` (2, rows, fields) of balls j and i, which are ``shifts`` of cells apart; ``ratios`` are the
+    stiffnesses of the rows. ``is_rotation`` says which of the fields are rotations. Entries have the shape (L1, ..., Lp/2 +
+    1) of the waves of real arrays. They are zero for translations of the whole array, and for other waves that deform no
+    contact: where no ring of contacts is odd, balls can turn like gears, each against its neighbours. With one ball in the
+    cell entries are real: rotations are multiplied by i. With several they are complex.
     """
     fields, real = len(is_rotation), n_balls == 1
     waves = (*shape[:-1], shape[-1] // 2 + 1)
@@ -40,12 +45,12 @@ def green_function(
         ticks[0] = ticks[0][first : first + step]
         half = np.meshgrid(*(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)), indexing="ij")
         matrix = np.zeros((*half[0].shape, fields, fields), entries.dtype)
-        for row in rows:
-            angle = sum(step * part for step, part in zip(row.shift, half, strict=True))
-            factors = _real_factors(row, angle, is_rotation) if real else _complex_factors(row, angle)
+        for row, (head, tail, ratio) in enumerate(zip(*coefficients, ratios, strict=True)):
+            angle = sum(step * part for step, part in zip(shifts[row % len(shifts)], half, strict=True))
+            factors = _real_factors(head, tail, angle, is_rotation) if real else _complex_factors(head, tail, angle)
             for a, one in factors.items():
                 for b, other in factors.items():
-                    matrix[..., a, b] += row.ratio * np.conj(one) * other
+                    matrix[..., a, b] += ratio * np.conj(one) * other
         if first == 0:
             matrix[(0,) * len(shape)] += still
         inverse = _invert(matrix)
@@ -53,8 +58,9 @@ def green_function(
             inverse[(0,) * len(shape)] -= still
         entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
     if real:  # symmetric, to the last digit
-        return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(fields)) for a in range(fields))
-    return tuple(tuple(entries[a, b] for b in range(fields)) for a in range(fields))
+        for a, b in combinations(range(fields), 2):
+            entries[b, a] = entries[a, b]
+    return entries
 
 
 def green_inverse(
@@ -71,19 +77,14 @@ def green_inverse(
     axes = tuple(range(1, len(shape) + 1))
 
     def apply(force: Array) -> Array:
-        waves = fft.rfft(force, axis=axes[-1], workers=workers)
-        for axis in axes[:-1]:
-            waves = fft.fft(waves, axis=axis, workers=workers, overwrite_x=True)
+        waves = fft.rfftn(force, axes=axes, workers=workers)
         for rows in blocks:
             parts = waves[:, rows]
             parts[turning] *= -1j
             plain = parts.view(green.dtype)
             np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
             parts[turning] *= 1j
-        # transform one axis after the other: all at once would allocate another array of waves
-        for axis in axes[:-1]:
-            waves = fft.ifft(waves, axis=axis, workers=workers, overwrite_x=True)
-        return np.asarray(fft.irfft(waves, shape[-1], axis=axes[-1], workers=workers))
+        return np.asarray(fft.irfftn(waves, shape, axes=axes, workers=workers, overwrite_x=True))
 
     return apply
 
@@ -101,21 +102,17 @@ def _invert(matrix: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(inverse)
 
 
-def _real_factors(row: ArrayRow, angle: Any, is_rotation: Sequence[bool]) -> dict[int, Array]:
+def _real_factors(head: Array, tail: Array, angle: Any, is_rotation: Sequence[bool]) -> dict[int, Array]:
     """Return the deformation about the middle of the contact, by a wave z exp(i q r) of each field, less a common phase.
 
     A displacement deforms by 2i sin. A rotation deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
     by i, and by 2i sin in twist and roll.
     """
-    sine, cosine, tail = 2.0 * np.sin(angle), 2.0 * np.cos(angle), dict(row.tail)
-    return {a: head * (cosine if is_rotation[a] and head == -tail[a] else sine) for a, head in row.head}
+    sine, cosine = 2.0 * np.sin(angle), 2.0 * np.cos(angle)
+    return {a: head[a] * (cosine if is_rotation[a] and head[a] == -tail[a] else sine) for a in np.flatnonzero(head).tolist()}
 
 
-def _complex_factors(row: ArrayRow, angle: Any) -> dict[int, NDArray[np.complex128]]:
+def _complex_factors(head: Array, tail: Array, angle: Any) -> dict[int, NDArray[np.complex128]]:
     """Return the deformation by a wave exp(i q R) of each field, where R is the place of the cell."""
-    factors: dict[int, Any] = {}
-    for a, head in row.head:
-        factors[a] = head * np.exp(2.0j * angle)
-    for a, tail in row.tail:
-        factors[a] = factors.get(a, 0.0) - tail + np.zeros_like(angle, complex)
-    return factors
+    ahead = np.exp(2.0j * angle)
+    return {a: head[a] * ahead - tail[a] for a in np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()}

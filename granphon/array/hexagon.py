@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse import factorise, find_step_length
+from granphon.array.sparse import find_step_length
+from granphon.array.sparse_matrices import compose, factorise
 from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
@@ -260,16 +261,13 @@ class Hexagon:
         Rows of walls are multiplied by their coefficient to the power 2/5, over that of two balls: then all contacts have
         the same law.
         """
-        from scipy.sparse import coo_array
-
         (i, j, normal), (ball, wall) = self._pairs, self._leaning
         count, pairs, leant = len(self.sites), np.arange(len(i)), len(i) + np.arange(len(ball))
         parts = [(pairs, 2 * j + a, normal[:, a]) for a in (0, 1)] + [(pairs, 2 * i + a, -normal[:, a]) for a in (0, 1)]
         scale = self._wall_scale
         parts += [(leant, 2 * ball + a, -scale * _NORMALS[wall, a]) for a in (0, 1)]
         parts.append((leant, 2 * count + wall, np.full(len(ball), scale)))
-        row, column, entry = (np.concatenate(list(one)) for one in zip(*parts, strict=True))
-        return coo_array((entry, (row, column)), shape=(len(i) + len(ball), 2 * count + 6)).tocsr()
+        return compose(parts, (len(i) + len(ball), 2 * count + 6))
 
     @property
     def _wall_scale(self) -> float:
@@ -336,7 +334,7 @@ class Hexagon:
             stiffness += _ADDED * min(1.0, left) * max(1.0, float(np.max(stiffness)))
             springs = (transposed @ matrix.multiply(stiffness[:, None])).tocsc()[free][:, free]
             step = np.zeros(z.size)
-            step[free] = factorise(springs.tocsc()).solve(pull[free])
+            step[free] = factorise(springs).solve(pull[free])
             strain = matrix @ step
             length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0
             z, h = z + length * step, h - length * strain

@@ -13,8 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.coupling import CoupledProduct
+from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils, dot
@@ -49,9 +48,8 @@ class _Response:
         n = stencils.n_contacts
         self._stencils, self._springs, self._mean = stencils, springs, float(np.mean(springs[:n]))
         single: Single = (springs / self._mean).astype(np.float32)  # which has no numbers below 1e-38
-        self._inverse = Preconditioners(stencils).choose(single, hard=True)
-        slips = single[n:].reshape(-1, n, *stencils.shape)
-        self._product = CoupledProduct(stencils.coupling, single[:n], slips, slips[:0], slips[:0])
+        self._product = stencils.hessian(single)
+        self._inverse = Preconditioners(stencils).choose(single, hard=True, product=self._product)
 
     def follow(self, tension: Array, reduction: float) -> Array:
         """Return the motions by which balls follow a tension; see :func:`find_linear_response`."""
@@ -62,13 +60,15 @@ class _Response:
         aim = max(reduction**2 * left, _NOISE**2 * _square(tension / self._mean))
         while aim < left < _STALLED * before:
             ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
-            change, count, _ = solve_by_descent(self._multiply, self._precondition, given, ahead, _MOST_ITERATIONS - taken)
+            change, count, _ = conjugate_gradients(
+                self._multiply, self._precondition, given, ahead, _MOST_ITERATIONS - taken
+            )
             found, taken = found + change, taken + count
             rest = self._pull(tension - self._springs * self._deform(found))
             before, left = left, dot(rest, self._precondition(rest))
         if left > aim:
             ahead, most = math.sqrt(aim / left), _MOST_ITERATIONS - taken
-            change, count, _ = solve_by_descent(self._multiply_exactly, self._precondition, rest, ahead, most)
+            change, count, _ = conjugate_gradients(self._multiply_exactly, self._precondition, rest, ahead, most)
             if count == most:
                 what = f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps"
                 raise ConvergenceError(message(what, mend="Raise the load"))

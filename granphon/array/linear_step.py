@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.coupling import CoupledProduct
+from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
 from granphon.array.geometry import Inverse, Product, multiply
 from granphon.array.patches import Indices, Patches, Put
@@ -45,7 +45,7 @@ class LinearSteps:
         that the contacts lack in sum, the overlap stays as it is.
         """
         # the product of the lattice serves as it is in the true geometry too, where its own takes longer
-        near = product if isinstance(product, CoupledProduct) else multiply(self._stencils, tangent)
+        near = product if isinstance(product, ContactHessian) else multiply(self._stencils, tangent)
         size, inverse = pull.size, self.invert(tangent, near)
         held = np.float32(1.0 / tangent.stiffness.size)
 
@@ -82,16 +82,16 @@ class LinearSteps:
         stencils = self._stencils
         stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
         springs: Single = stiffnesses.astype(np.float32)
-        relax = stencils.relax(springs)
-        carry = stencils.carry(springs.dtype, float(np.mean(springs[: stencils.n_contacts])))
+        smooth = stencils.block_jacobi(springs)
+        green = stencils.green_preconditioner(springs.dtype, float(np.mean(springs[: stencils.n_contacts])))
 
         def apply(force: Single) -> Single:
             motion = np.zeros_like(force)
-            relax(force, motion)
+            smooth(force, motion)
             if self._put is not None:
                 self._put(force, motion)
-            # where few balls touch, Green's function would carry on what each ball's own motion leaves too far
-            moved = carry(force if self._damped else force - product(motion, None)[0])
+            # where few balls touch, Green's function would pass on what each ball's own motion leaves too far
+            moved = green(force if self._damped else force - product(motion, None)[0])
             moved += motion
             return moved
 

@@ -311,12 +311,12 @@ def _find_contacts(stencils: Stencils, chosen: NDArray[np.bool_]) -> tuple[tuple
     ball, *cell = np.nonzero(chosen.reshape(stencils.n_balls, *stencils.shape))
     places: list[Any] = []
     arms: list[Array] = []
-    for row, shift, (i, j) in zip(stencils.rows[stencils.n_contacts :], stencils.shifts, stencils.ends, strict=True):
-        kind = len(places) // 2
-        for one, steps, ends, sign in ((j, shift, row.head, 1.0), (i, (0,) * len(shift), row.tail, -1.0)):
+    slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
+    for kind, ((head, tail), shift, (i, j)) in enumerate(zip(slips, stencils.shifts, stencils.ends, strict=True)):
+        for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
             start = [(at - step) % size for at, step, size in zip(cell, steps, stencils.shape, strict=True)]
             places.append([np.full_like(ball, kind), *start])
-            arms.append(np.where(ball == one, sign * dict(ends).get(count * one + turning, 0.0), 0.0))
+            arms.append(np.where(ball == one, ends[count * one + turning], 0.0))
     return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
 
 

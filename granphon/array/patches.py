@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from granphon.array.array_rows import number_cells
 from granphon.array.friction import Tangent
+from granphon.array.sparse_matrices import compose, factorise
 from granphon.array.stencils import Stencils
 
 Array = NDArray[np.float64]
@@ -95,8 +96,7 @@ class Patches:
 
         The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
         """
-        from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
-        from scipy.sparse.linalg import splu
+        from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
         contacts = self._find_contacts(balls)
         place, n = np.full(self._balls, -1), contacts.size
@@ -108,20 +108,13 @@ class Patches:
         )
         elongation = np.arange(n)
         slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
-        entries = [(stiffness[0], elongation, elongation), *zip(springs, slips, slips, strict=True)]
-        entries += [(-one, slip, elongation) for one, slip in zip(coupling, slips, strict=True)]
-        entries += [(-one, *pair) for one in cross for pair in (slips, slips[::-1])]
-        values, rows, columns = (np.concatenate(one) for one in zip(*entries, strict=True))
-        d = coo_array((values, (rows, columns)), shape=(c.shape[0], c.shape[0])).tocsr()
+        entries = [(elongation, elongation, stiffness[0]), *zip(slips, slips, springs, strict=True)]
+        entries += [(slip, elongation, -one) for one, slip in zip(coupling, slips, strict=True)]
+        entries += [(*pair, -one) for one in cross for pair in (slips, slips[::-1])]
+        d = compose(entries, (c.shape[0], c.shape[0]))
         matrix = c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")
         try:
-            factors = splu(
-                matrix.tocsc().astype(np.float32),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,  # the matrix is nearly symmetric
-                relax=1,
-                options={"SymmetricMode": True, "Equil": False},
-            )
+            factors = factorise(matrix, approximate=True)  # the matrix is nearly symmetric
         except RuntimeError:  # singular to the last digit
             return None
         at = balls // self._cells, slice(None), balls % self._cells
@@ -135,16 +128,12 @@ class Patches:
 
     def _cut(self, contacts: Indices, place: Indices, size: int) -> Any:
         """Return C of some contacts and of the balls that have a ``place`` among ``size``, field after field of each."""
-        from scipy.sparse import coo_array
-
-        n, entries, where = contacts.size, [], []
+        n, parts = contacts.size, []
         shape = (self._rows.shape[2], self._fields)
         for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
             inside = np.flatnonzero(ends >= 0)
             values = coefficients[contacts[inside] // self._cells]
-            row = np.broadcast_to((inside[:, None] + n * np.arange(shape[0]))[..., None], values.shape)
-            column = np.broadcast_to((self._fields * ends[inside, None] + np.arange(shape[1]))[:, None], values.shape)
-            entries.append(values.ravel())
-            where.append((row.ravel(), column.ravel()))
-        rows, columns = (np.concatenate(one) for one in zip(*where, strict=True))
-        return coo_array((np.concatenate(entries), (rows, columns)), shape=(shape[0] * n, self._fields * size)).tocsr()
+            row = (inside[:, None] + n * np.arange(shape[0]))[..., None]
+            column = (self._fields * ends[inside, None] + np.arange(shape[1]))[:, None]
+            parts.append((row, column, values))
+        return compose(parts, (shape[0] * n, self._fields * size))

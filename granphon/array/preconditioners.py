@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
+from granphon.array.contact_operator import ContactHessian
+from granphon.array.sparse_matrices import compose, factorise
 from granphon.array.stencils import Stencils
 
 Array = NDArray[np.float64]
@@ -32,8 +33,8 @@ _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
 _HOLDING = 1e-5
 #: iterations with Green's function after which, at most, the matrix is factorised; and the cost of an iteration with the
-#: factors in iterations with Green's function. In a plane, 64 x 64 to 512 x 512 balls, a factorisation costs 120 to 180
-_PATIENCE, _SOLUTION = 250, 3
+#: factors in iterations with Green's function. Measured in planes of 64 x 64 to 128 x 128 balls
+_PATIENCE, _SOLUTION = 150, 3
 #: iterations of a system, beyond those of the first with the same factors, from which these are made anew for the next
 _STALE = 30
 
@@ -54,12 +55,15 @@ class Preconditioners:
         self._first: int | None = None  # iterations of the first system with the factors
         self._changing = False  # whether stiffnesses change so much that factors pay for each system anew
 
-    def choose(self, stiffness: Array, hard: bool = False) -> Inverse:
-        """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many iterations are sure to follow."""
+    def choose(self, stiffness: Array, hard: bool = False, product: ContactHessian | None = None) -> Inverse:
+        """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many iterations are sure to follow.
+
+        ``product`` is that with C^T K C, if it is at hand.
+        """
         if (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
             self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
             self._factors = self._factorise(stiffness)
-        return self._factors or self._stencils.preconditioner(stiffness)
+        return self._factors or self._stencils.preconditioner(stiffness, product)
 
     def count(self, iterations: int) -> None:
         """Count the iterations that the preconditioner chosen last has taken."""
@@ -84,11 +88,9 @@ class Preconditioners:
         return self.are_small and float(np.mean(normal > _STIFF * np.mean(normal))) <= self._most_stiff
 
     def _factorise(self, stiffness: Array) -> Inverse:
-        rows = self._stencils.rows
-        j = number_cells(self._stencils.shape, [row.shift for row in rows])
-        i = np.broadcast_to(np.arange(j.shape[1]), j.shape)
+        i, j = self._stencils.ends_of_rows()
         head, tail = self._stencils.coefficients
-        return factorise_contacts(i, j, head, tail, stiffness.reshape(len(rows), -1))
+        return factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
 
 
 def compose_rows(
@@ -98,15 +100,12 @@ def compose_rows(
 
     Other arguments are those of :func:`factorise_contacts`; columns are (fields, balls).
     """
-    from scipy.sparse import csr_array  # imported here: most simulations do not need it
-
-    fields, balls, entries = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
+    fields, balls, parts = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
             here = np.flatnonzero(row[kind, field])
-            entries.append((row[kind[here], field], here, balls * field + ends[kind[here], contact[here]]))
-    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-    return csr_array((values, (rows, columns)), shape=(kind.size, fields * balls))
+            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
+    return compose(parts, (kind.size, fields * balls))
 
 
 def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, stiffness: Array) -> Inverse:
@@ -123,7 +122,6 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     stiffness : (kinds, contacts), not negative.
     """
     from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
-    from scipy.sparse.linalg import splu
 
     fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
     stiff = stiffness > _STIFF * mean
@@ -136,13 +134,7 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
     scale = 1.0 / np.sqrt(matrix.diagonal())
     matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)
-    factors = splu(
-        matrix.tocsc().astype(np.float32),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,  # the matrix is symmetric and positive definite
-        relax=1,  # larger supernodes would fill this one with zeros
-        options={"SymmetricMode": True, "Equil": False},
-    )
+    factors = factorise(matrix, approximate=True)
 
     def apply(force: Array) -> Array:
         scaled = scale * force.ravel()

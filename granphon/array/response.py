@@ -57,8 +57,8 @@ def elasticity(state: Equilibrium, shear: ArrayLike, torsion: ArrayLike = 0.0, b
     own.forget()  # many samples may be kept, each with a large Green's function
     measure = state.lattice.measure * np.prod(stencils.shape)
     tensor = np.zeros((len(affine), len(affine)))
-    for spring, one, moved in zip(stiffness, affine.swapaxes(0, 1), stencils.each_row(motions), strict=True):
-        strained = one - moved
-        for a, first in enumerate(strained):
-            tensor[a] += [dot(spring * first, second) for second in strained]
+    for a, motion in enumerate(motions):
+        tension = stiffness * (affine[a] - stencils.operator.deform(motion))
+        for at, other in enumerate(motions[: a + 1]):  # found again for each pair: all together would take much memory
+            tensor[a, at] = tensor[at, a] = dot(tension, affine[at] - stencils.operator.deform(other))
     return tensor / measure

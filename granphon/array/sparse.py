@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
+from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, message
@@ -179,7 +180,7 @@ class SparseArray:
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
         hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
-        factors = factorise((matrix + hold).tocsc())
+        factors = factorise(matrix + hold)
         motion = np.zeros((c.shape[1], strained.shape[1]))
         for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
@@ -217,10 +218,3 @@ def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
         length = min(length, 4.0 * low) if high == math.inf else length
     return length
-
-
-def factorise(matrix: Any) -> Any:
-    """Return the LU factors of a symmetric positive definite matrix."""
-    from scipy.sparse.linalg import splu
-
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -4,8 +4,8 @@ The array is L1 x ... x Lp cells of a lattice with p periods. Motions are arrays
 cell first the projections of its displacement on p normals of the contact table, so that many elongations are plain
 differences; then, if contacts resist them, its rotations. Deformations of contacts are arrays (rows, L1, ..., Lp): the
 elongation of each kind of contact, then its slips, twist and rolls, stored at the cell of ball i, from which the contact
-starts. No matrix is stored: C and its transpose are shifts of whole arrays. The inverse of C^T C for equal contacts, the
-lattice Green's function, is a product in Fourier space.
+starts. No matrix is stored: C and its transpose are shifts of whole arrays (:mod:`granphon.array.contact_operator`). The
+inverse of C^T C for equal contacts, the lattice Green's function, is a product in Fourier space.
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.array_rows import ArrayRow, find_basis, make_rows, stack_coefficients
-from granphon.array.coupling import Coupling
+from granphon.array.array_rows import find_basis, number_cells, project_rows
+from granphon.array.block_jacobi import invert_blocks
+from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.array.green import green_function, green_inverse
-from granphon.array.local_inverse import invert_blocks
-from granphon.array.rooms import Rooms
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
@@ -35,8 +34,10 @@ _CACHED = 2**15
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
+#: part of the way to its balance that each ball moves before and after Green's function
+_DAMPED = 0.8
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
-_UNEVEN = 0.25
+_UNEVEN = 0.1
 
 
 class Motion(NamedTuple):
@@ -80,13 +81,8 @@ class Stencils:
             normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
         )
         self._vector = table.vector[:, :p]
-        self._rows = self._make_rows(self._kinds)
-        self.rooms = Rooms(self.shape, self.shifts)
         #: Green's function in the precisions that it was needed in
         self._found: dict[Any, Array] = {}
-
-    def _make_rows(self, kinds: Sequence[Row]) -> list[ArrayRow]:
-        return [row for kind in kinds for row in make_rows(kind, self.shifts, self.ends, self.basis)]
 
     def observe(self, kinds: Sequence[Row]) -> Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their own."""
@@ -95,7 +91,6 @@ class Stencils:
         other.forget()
         vars(other).pop("coefficients", None)
         other._kinds = list(kinds)
-        other._rows = self._make_rows(kinds)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -103,30 +98,25 @@ class Stencils:
         return Stencils, (self.shape, self.mindlin_ratio, self.workers, self.lattice, self.torsion, self.bending)
 
     def forget(self) -> None:
-        """Drop what is larger than the array and quickly computed again from memory: Green's function, and the coupling."""
+        """Drop what is quickly computed again from memory: Green's function, and the operator with its buffers."""
         self._found.clear()
-        for name in ("_green", "coupling"):
+        for name in ("_green", "operator"):
             vars(self).pop(name, None)
 
     @cached_property
     def coefficients(self) -> Array:
         """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
-        return stack_coefficients(self._rows, self.n_fields)
+        return project_rows(self._kinds, self.ends, self.basis, self.n_fields)
 
     @cached_property
-    def coupling(self) -> Coupling:
-        """C and its transpose by products of matrices."""
-        return Coupling(self._rows, self.shape, self.n_contacts, self.n_fields)
-
-    @property
-    def rows(self) -> list[ArrayRow]:
-        """Kinds of deformation, each with its row of C for the two balls of a contact."""
-        return self._rows
+    def operator(self) -> ContactOperator:
+        """C and its transpose."""
+        return ContactOperator(self.shape, self.shifts, *self.coefficients)
 
     @property
     def n_rows(self) -> int:
         """Number of kinds of deformation."""
-        return len(self._rows)
+        return len(self._kinds) * self.n_contacts
 
     @property
     def ball_shape(self) -> tuple[int, ...]:
@@ -143,84 +133,42 @@ class Stencils:
             return stiffness
         return np.concatenate([float(kind.stiffness) * stiffness for kind in self._kinds])
 
+    def ends_of_rows(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return (rows, cells) numbers of the cells of ball i, and of ball j, of each deformation."""
+        j = np.tile(number_cells(self.shape, self.shifts), (len(self._kinds), 1))
+        return np.broadcast_to(np.arange(j.shape[1]), j.shape), j
+
     def strains(self) -> Array:
         """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b, without rotation."""
         return np.concatenate([strain_rows(kind, self._vector, self.motions) for kind in self._kinds])
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
-    def padded(self, dtype: DTypeLike = float) -> Array:
-        """Return rooms for a motion, to be filled by :meth:`Rooms.wrap`."""
-        return self.rooms.zeros(self.n_fields, dtype)
-
-    def blocks(self, arrays: int = 1) -> Iterator[slice]:
-        """Yield slices of rows of balls, each small enough to stay in the processor's cache.
-
-        In space, where contacts are many, this many ``arrays`` stay there together; in a plane larger blocks are as fast.
-        """
-        many = arrays if len(self.shape) == 3 else 1
-        step = max(1, _CACHED // (many * math.prod(self.shape[1:])))
-        for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
-            yield slice(low, high)
-
-    def _deform(self, row: ArrayRow, flat: Array, first: int, end: int) -> Array:
-        """Return the deformation of one kind in the contacts that start in a part of the flattened room."""
-        step = self.rooms.offset(row.shift)
-        if row.head == row.tail:
-            low = first + min(step, 0)
-            part = _combine(row.head, flat, low, end + max(step, 0))
-            return part[first + step - low : end + step - low] - part[first - low : end - low]
-        return _combine(row.head, flat, first + step, end + step) - _combine(row.tail, flat, first, end)
-
-    def _pull(self, row: ArrayRow, force: Array, flat: Array, first: int, end: int) -> None:
-        """Add to ``flat`` the forces on balls due to a tension in the contacts that start in this part of the room."""
-        step = self.rooms.offset(row.shift)
-        for (ahead, head), (behind, tail) in zip(row.head, row.tail, strict=True):
-            part = force if abs(head) == 1.0 else abs(head) * force
-            add = np.add if head > 0.0 else np.subtract
-            there = flat[ahead, first + step : end + step]
-            add(there, part, out=there)
-            part = part if abs(tail) == abs(head) else abs(tail) * force
-            add = np.subtract if tail > 0.0 else np.add
-            there = flat[behind, first:end]
-            add(there, part, out=there)
-
     def deformations(self, motion: Motion) -> Array:
         """Return (rows, L1, ..., Lp) C u, with the compression taken from elongations, which are then losses of overlap."""
-        room = self.rooms.fill(motion.balls)
-        self.rooms.wrap(room)
-        out = np.empty((self.n_rows, *self.rooms.outer))
-        flat, found = room.reshape(len(room), -1), out.reshape(len(out), -1)
-        for first, end in self.rooms.spans(_CACHED):
-            for kind, row in enumerate(self._rows):
-                found[kind, first:end] = self._deform(row, flat, first, end)
-        inside: Array = out[self.rooms.inner]
-        inside[: self.n_contacts] -= motion.compression
-        return inside
+        out = self.operator.deform(motion.balls)
+        if motion.compression:
+            out[: self.n_contacts] -= motion.compression
+        return out
 
-    def each_row(self, motions: Sequence[Array]) -> Iterator[Array]:
-        """Yield (n, L1, ..., Lp) deformations of one kind after the other, under each of n motions (fields, L1, ..., Lp)."""
-        rooms = [self.rooms.fill(balls) for balls in motions]
-        for room in rooms:
-            self.rooms.wrap(room)
-        flats = [room.reshape(len(room), -1) for room in rooms]
-        out = self.rooms.zeros(len(rooms))
-        found = out.reshape(len(out), -1)
-        for row in self._rows:
-            for first, end in self.rooms.spans(_CACHED):
-                for place, flat in enumerate(flats):
-                    found[place, first:end] = self._deform(row, flat, first, end)
-            yield out[self.rooms.inner]
+    def forces(self, *tensions: Array) -> Array:
+        """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their motion, for a tension f.
 
-    def forces(self, contacts: Array) -> Array:
-        """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their motion, for a tension f."""
-        room = self.padded()
-        flat = room.reshape(len(room), -1)
-        for kind, row in enumerate(self._rows):
-            tension = self.rooms.fill(contacts[kind : kind + 1]).ravel()
-            for first, end in self.rooms.spans(_CACHED):
-                self._pull(row, tension[first:end], flat, first, end)
-        return self.rooms.fold(room)
+        It is given in parts (n, L1, ..., Lp), one after the other.
+        """
+        return self.operator.pull(*tensions)
+
+    def hessian(self, stiffness: Array) -> ContactHessian:
+        """Return the product of C^T K C with motions, for ``stiffness`` (rows, L1, ..., Lp), in its precision."""
+        return ContactHessian(self.operator, [stiffness], precision=stiffness.dtype)
+
+    def couple(self, table: Array) -> ContactHessian:
+        """Return the product of C^T D C with motions, for a symmetric D of each contact, (m, m, contacts, L1, ..., Lp)."""
+        coupling: dict[tuple[int, int], Array] = {}
+        for a, b in combinations(range(len(table)), 2):
+            if np.any(table[a, b]):
+                coupling[a, b] = coupling[b, a] = table[a, b]
+        return ContactHessian(self.operator, [table[a, a] for a in range(len(table))], coupling, table.dtype)
 
     def around(self, contacts: Array) -> Array:
         """Return sums of the values (contacts, L1, ..., Lp) over the contacts of each ball, of :attr:`ball_shape`."""
@@ -256,97 +204,75 @@ class Stencils:
         balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[:, self.motions.translating]
         return np.asarray(np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape))
 
-    def balance(self, balls: Array, tension: Callable[[int, slice, Array], Array]) -> Array:
-        """Return (fields, L1, ..., Lp) C^T f, for a tension f that depends on the deformations C u.
-
-        ``tension(kind, part, deformations)`` gives that of one kind in a part of the flattened room; in the margins it has
-        to be zero. The deformations are its own, to write on.
-        """
-        room = self.rooms.fill(balls)
-        self.rooms.wrap(room)
-        return self._balance(room, tension, np.zeros_like(room))
-
-    def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
-        flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
-        for first, end in self.rooms.spans(_CACHED):
-            part = slice(first, end)
-            for kind, row in enumerate(self._rows):
-                self._pull(row, tension(kind, part, self._deform(row, flat, first, end)), forces, first, end)
-        return self.rooms.fold(out)
-
-    def product(self, stiffness: Array, room: Array, compression: float | None, out: Array) -> tuple[Array, float, float]:
-        """Apply C^T K C to a motion in a wrapped ``room``; ``stiffness`` is in rooms with margins of zeros.
-
-        Returns the forces on balls, as a view of ``out``; the sum of K e over elongations, unless the compression is None;
-        and that of K e^2 over all rows.
-        """
-        out[...] = 0.0
-        springs = stiffness.reshape(len(stiffness), -1)
-        pull = energy = 0.0
-
-        def tension(kind: int, part: slice, change: Array) -> Array:
-            nonlocal pull, energy
-            pressed = compression is not None and kind < self.n_contacts
-            if pressed and compression:
-                change -= compression
-            force = springs[kind, part] * change
-            energy += dot(force, change)
-            if pressed:
-                pull += float(np.sum(force))
-            return force
-
-        return self._balance(room, tension, out), pull, energy
-
     # -- solving ----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _green(self) -> tuple[tuple[Any, ...], ...]:
+    def _green(self) -> NDArray[Any]:
         """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; see :func:`green_function`."""
-        return green_function(self._rows, self.shape, self.motions.is_rotation.tolist() * self.n_balls, self.n_balls)
+        ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
+        turns = self.motions.is_rotation.tolist() * self.n_balls
+        return green_function(self.coefficients, self.shifts, ratios, self.shape, turns, self.n_balls)
 
-    def preconditioner(self, stiffness: Array, springs: Array | None = None) -> Callable[[Array], Array]:
-        """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
+    def preconditioner(self, stiffness: Array, product: ContactHessian | None = None) -> Callable[[Array], Array]:
+        """Return an approximate inverse of C^T K C, as precise as the stiffness (rows, L1, ..., Lp), single or double.
 
-        The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is
-        (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand. Where contacts are nearly alike, Green's
-        function alone is as good. The inverse is as precise as the stiffness, single or double.
+        Each ball moves as if its neighbours were held, then all move by Green's function of the mean stiffness under what
+        that leaves, and then each ball again. Green's function carries stress across the array; single balls take account of
+        contacts that differ. It takes two products with C^T K C, ``product`` if that is at hand, and half as many iterations
+        as the sum of the two motions, which serves where balls rotate. Where contacts are nearly alike, Green's function
+        alone is as good.
         """
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
-        carry = self.carry(stiffness.dtype, mean)
+        green = self.green_preconditioner(stiffness.dtype, mean)
         if float(np.std(normal)) <= _UNEVEN * mean:
-            return carry
-        relax = self.relax(stiffness, springs)
+            return green
+        if any(self.motions.is_rotation):
+            alone = self.block_jacobi(stiffness)
+
+            def add(force: Array) -> Array:
+                out = green(force)
+                alone(force, out)
+                return out
+
+            return add
+        # the energy of a contact is at most twice that of its two balls moving one at a time: so with less than the whole
+        # motion of a ball the inverse is positive definite. With its rotations taken apart it would not be
+        hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
-            out = carry(force)
-            relax(force, out)
-            return out
+            found = np.zeros_like(force)
+            smooth(force, found)
+            found += green(force - hessian(found)[0])
+            smooth(force - hessian(found)[0], found)
+            return found
 
         return apply
 
-    def carry(self, precision: DTypeLike, stiffness: float) -> Callable[[Array], Array]:
+    def green_preconditioner(self, precision: DTypeLike, stiffness: float) -> Callable[[Array], Array]:
         """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function."""
         # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
         # parts of waves, which follow each other in memory
         real = self.n_balls == 1
         kind = np.result_type(precision, 1.0 if real else 1j)
         if kind not in self._found:
-            green = np.array(self._green).astype(kind)
+            green = self._green.astype(kind)
             self._found[kind] = np.repeat(green, 2, axis=-1) if real else green
         turning = self.motions.turning if real else slice(0, 0)
-        blocks = list(self.blocks(self.n_fields)) if len(self.shape) > 1 else [slice(None)]
+        blocks = list(self._blocks()) if len(self.shape) > 1 else [slice(None)]
         return green_inverse(self._found[kind], kind.type(1.0 / stiffness), turning, self.shape, blocks, self.workers)
 
-    def relax(self, stiffness: Array, springs: Array | None = None) -> Callable[[Array, Array], None]:
+    def block_jacobi(self, stiffness: Array, damping: float = 1.0) -> Callable[[Array, Array], None]:
         """Return what adds to ``out`` the motion of each ball under a ``force`` while its neighbours are held.
 
-        Displacements and rotations are taken apart; see :meth:`preconditioner` for the arguments.
+        Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """
         least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
-        rooms = self.rooms.fill(stiffness) if springs is None else springs
-        local = list(zip(self._groups, invert_blocks(self._rows, self.rooms, self._groups, rooms, least), strict=True))
-        blocks = list(self.blocks(self.n_fields))
+        ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
+        local = list(zip(self._groups, invert_blocks(self.operator, self._groups, stiffness, least * ratios), strict=True))
+        for _, block in local:
+            block *= damping
+        blocks = list(self._blocks())
 
         def add(force: Array, out: Array) -> None:
             for rows in blocks:
@@ -355,6 +281,13 @@ class Stencils:
                     np.add(there, np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]), out=there)
 
         return add
+
+    def _blocks(self) -> Iterator[slice]:
+        """Yield slices of layers of balls, each small enough to stay in the processor's cache; in a plane larger ones do."""
+        arrays = self.n_fields if len(self.shape) == 3 else 1
+        step = max(1, _CACHED // (arrays * math.prod(self.shape[1:])))
+        for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
+            yield slice(low, high)
 
     @cached_property
     def _groups(self) -> list[slice]:
@@ -370,17 +303,3 @@ def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
-
-
-def _combine(coefficients: Sequence[tuple[int, float]], flat: Array, first: int, end: int) -> Array:
-    """Return the sum of fields times their coefficients in a part of the flattened room.
-
-    A single field with coefficient one is returned without a copy.
-    """
-    field, factor = coefficients[0]
-    total = flat[field, first:end] if factor == 1.0 else factor * flat[field, first:end]
-    for at, (field, factor) in enumerate(coefficients[1:]):
-        part = flat[field, first:end] if abs(factor) == 1.0 else abs(factor) * flat[field, first:end]
-        combine = np.add if factor > 0.0 else np.subtract
-        total = combine(total, part, out=total if at or coefficients[0][1] != 1.0 else None)
-    return total

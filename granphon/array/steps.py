@@ -20,6 +20,8 @@ _MOVE_ROUNDING = 16.0
 _LOAD_TOLERANCE = 1e-3
 #: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
+#: number of contacts that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**14
 
 
 class ReducedLoad(NamedTuple):
@@ -34,11 +36,12 @@ class ReducedLoad(NamedTuple):
     on_boundary: bool = False
 
 
-def compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
+def compute_excess(overlap: float, differences: Array, out: Array | None = None) -> tuple[Array, Array]:
     """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
     common = max(overlap, 0.0)
-    change = differences + min(overlap, 0.0)
-    np.maximum(change, -common, out=change)  # h_+ - y_+
+    change = np.maximum(differences, -overlap, out=out)  # h_+ - y_+
+    if overlap < 0.0:
+        change += overlap
     root = change + common
     np.sqrt(root, out=root)
     if common == 0.0:
@@ -48,8 +51,8 @@ def compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
     factor = root + math.sqrt(common)
     np.divide(common, factor, out=factor)
     factor += root
-    factor *= change
-    return factor, root
+    change *= factor
+    return change, root
 
 
 class NewtonIterate(NamedTuple):
@@ -58,6 +61,7 @@ class NewtonIterate(NamedTuple):
     Attributes
     ----------
     overlap, balls : y and the displacements.
+    root : (contacts, L1, ..., Lp) h_+^(1/2) of the contacts, in single precision.
     rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
     force, spread : mean and standard deviation of the contact forces.
     level : mean stiffness of the contacts.
@@ -66,6 +70,7 @@ class NewtonIterate(NamedTuple):
 
     overlap: float
     balls: Array
+    root: Array
     rest: Motion
     force: float
     spread: float
@@ -73,23 +78,14 @@ class NewtonIterate(NamedTuple):
     left: float
 
     @classmethod
-    def find(cls, y: float, balls: Array, means: Array, root: Array, load: ReducedLoad, stencils: Stencils) -> NewtonIterate:
-        """Return the state, and write h_+^(1/2) of the contacts into ``root``; that and ``means`` are in rooms."""
-        inside, sums = stencils.rooms.inside.ravel(), np.zeros(3)
-        roots, middles = root.reshape(len(root), -1), means.reshape(len(means), -1)
-
-        def tension(kind: int, part: slice, elongation: Array) -> Array:
-            np.subtract(middles[kind, part], elongation, out=elongation)
-            excess, contact = compute_excess(y, elongation)
-            excess *= inside[part]
-            contact *= inside[part]
-            roots[kind, part] = contact
-            sums[:] += np.sum(excess), dot(excess, excess), np.sum(contact)
-            return excess
-
-        pull = stencils.balance(balls, tension)
-        contacts, common = stencils.n_contacts * math.prod(stencils.shape), max(y, 0.0) ** 1.5
-        mean, square, stiffness = (sums * (1.0, 1.0, 1.5) / contacts).tolist()
+    def find(
+        cls, y: float, balls: Array, means: Array, load: ReducedLoad, stencils: Stencils, forces: _Forces | None = None
+    ) -> NewtonIterate:
+        """Return the state with the ``forces`` of contacts, if these are at hand."""
+        forces = forces or _Forces.find(y, balls, means, stencils)
+        pull = stencils.forces(forces.excess)
+        contacts, common = means.size, max(y, 0.0) ** 1.5
+        mean, square, stiffness = (one / contacts for one in (forces.sum, forces.square, 1.5 * forces.roots))
         force = common + mean
         push = (load.force - common) - mean if load.overlap is None else 0.0
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of doubles at y and at the
@@ -97,12 +93,12 @@ class NewtonIterate(NamedTuple):
         spacing = math.ulp(max(y, float(np.max(np.abs(balls)))))
         push *= abs(push) > _LOAD_ROUNDING * force + spacing * stiffness
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
-        spread = math.sqrt(max(0.0, square - mean**2))
-        return cls(y, balls, Motion(pull, contacts * push), force, spread, stiffness, left)
+        spread, rest = math.sqrt(max(0.0, square - mean**2)), Motion(pull, contacts * push)
+        return cls(y, balls, forces.root, rest, force, spread, stiffness, left)
 
     def distance(self, least: float, stencils: Stencils) -> float:
         """Return the force left over the scale that tolerances are of; forces no larger than ``least`` count as that."""
-        push = self.rest.compression / (stencils.n_contacts * math.prod(stencils.shape))
+        push = self.rest.compression / self.root.size
         scale = min(self.force, max(self.spread, self.level * least))
         # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
         moved = float(np.max(np.abs(self.balls))) if len(stencils.shape) == 1 else 0.0
@@ -111,57 +107,57 @@ class NewtonIterate(NamedTuple):
         return max(0.0 if at_rest else self.left / scale, abs(push) / (_LOAD_TOLERANCE * self.force) if push else 0.0)
 
 
+class _Forces(NamedTuple):
+    """Forces of contacts less those with the common overlap, roots of overlaps, and sums of these and of squared forces."""
+
+    excess: Array
+    root: Array
+    sum: float
+    square: float
+    roots: float
+
+    @classmethod
+    def find(cls, y: float, balls: Array, means: Array, stencils: Stencils) -> _Forces:
+        """Find them from the overlap y and the displacements."""
+        differences = stencils.operator.deform(balls)
+        np.subtract(means, differences, out=differences)
+        root: Array = differences.astype(np.float32)
+        sums = np.zeros(3)
+        flat, roots = differences.reshape(-1), root.reshape(-1)
+        for low in range(0, flat.size, _CACHED):
+            part = flat[low : low + _CACHED]
+            _, contact = compute_excess(y, part, part)
+            roots[low : low + _CACHED] = contact
+            sums += np.sum(part), dot(part, part), np.sum(contact)
+        return cls(differences, root, *sums.tolist())
+
+
 def take_step(
-    here: NewtonIterate, step: Motion, means: Array, root: Array, load: ReducedLoad, stencils: Stencils
+    here: NewtonIterate, step: Motion, means: Array, load: ReducedLoad, stencils: Stencils
 ) -> tuple[NewtonIterate, float]:
     """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size.
 
-    Returns the state there, and the length.
+    Returns the state there, and the length. Lengths are tried by Newton's method in one dimension, within brackets.
     """
-
-    def go(length: float) -> NewtonIterate:
-        y, balls = here.overlap + length * step.compression, here.balls + length * step.balls
-        return NewtonIterate.find(y, balls, means, root, load, stencils)
-
-    def slope(point: NewtonIterate) -> float:
-        return -dot(point.rest.balls, step.balls) - point.rest.compression * step.compression
-
-    there, first = go(1.0), slope(here)
-    if abs(slope(there)) <= 0.1 * abs(first):
-        return there, 1.0
-    length = _step_length(here, first, step, means[stencils.rooms.inner], load, stencils)
-    return go(length), length
-
-
-def _step_length(
-    here: NewtonIterate, first: float, step: Motion, means: Array, load: ReducedLoad, stencils: Stencils
-) -> float:
-    """Find the length at which the slope of the energy along the step has at most a tenth of its ``first`` size."""
-    strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
-    differences = means - stencils.deformations(Motion(here.balls, 0.0))
-
-    def slope(length: float) -> tuple[float, float]:
-        there, value, rise = here.overlap + length * more, 0.0, 0.0
-        for rows in stencils.blocks(stencils.n_contacts):
-            excess, root = compute_excess(there, differences[:, rows] - length * strain[:, rows])
-            part = strain[:, rows] - more
-            value -= dot(excess, part)
-            rise += 1.5 * dot(root, part * part)
-        if load.overlap is None:
-            value += more * strain.size * (max(there, 0.0) ** 1.5 - load.force)
-        return value, rise
-
-    low, high, length = 0.0, math.inf, 1.0
+    strain = stencils.operator.deform(step.balls) - step.compression
+    first, low, high, length = (
+        dot(here.rest.balls, step.balls) + here.rest.compression * step.compression,
+        0.0,
+        math.inf,
+        1.0,
+    )
     for _ in range(_LENGTH_TRIALS):
-        value, rise = slope(length)
-        if abs(value) <= 0.1 * abs(first):
+        y, balls = here.overlap + length * step.compression, here.balls + length * step.balls
+        forces = _Forces.find(y, balls, means, stencils)
+        slope = -dot(forces.excess, strain)
+        if load.overlap is None:
+            slope += step.compression * means.size * (max(y, 0.0) ** 1.5 - load.force)
+        if abs(slope) <= 0.1 * abs(first):
             break
-        if value < 0.0:
-            low = length
-        else:
-            high = length
-        length = length - value / rise if rise > 0.0 else math.inf
+        low, high = (length, high) if slope < 0.0 else (low, length)
+        rise = 1.5 * float(np.einsum("i,i,i", forces.root.ravel(), strain.ravel(), strain.ravel()))
+        length = length - slope / rise if rise > 0.0 else math.inf
         if not low < length < high:
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
         length = min(length, 4.0 * low) if high == math.inf else length
-    return length
+    return NewtonIterate.find(y, balls, means, load, stencils, forces), length

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.cages import Cages
-from granphon.array.conjugate_gradients import solve_by_descent
+from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
 from granphon.array.geometry import Inverse, find_boundary_force, find_lack
 from granphon.array.interior import approach
@@ -156,7 +156,7 @@ class TrueEquilibrium(Equilibrium):
             return change
 
         right = np.ravel(self.place.geometry.join((push[0], push[1], push[2]), *_STILL))
-        _, taken, _ = solve_by_descent(
+        _, taken, _ = conjugate_gradients(
             apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, _PROBE_STEPS
         )
         return (down[0] if down else None), taken

@@ -34,8 +34,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.coupling import SymmetricProduct
+from granphon.array.conjugate_gradients import conjugate_gradients
+from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
 from granphon.array.geometry import Inverse, Law, Place, Product
 from granphon.array.residuals import Single
@@ -83,7 +83,6 @@ class ExactGeometry:
         self.uneven = 0.5 * ratio * (self.means - ends)
         #: stencils with the vectors of :meth:`split`
         self.frame = stencils.observe(_frame_rows(stencils))
-        self._is_small = self.frame.coupling.is_small
         self.dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
         pushes = _frame_rows(stencils)[: self.dimension]
         #: stencils with elongations, and with displacements across contacts, for preconditioners
@@ -116,13 +115,13 @@ class ExactGeometry:
         def join(balls: Array, press: float) -> Array:
             return np.append(balls, press) if free else np.ravel(balls)
 
-        def apply(product: SymmetricProduct, vector: Array) -> Array:
+        def apply(product: ContactHessian, vector: Array) -> Array:
             return join(*product(*split(vector)))
 
         count = 0
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
-            found, taken, stable = solve_by_descent(
+            found, taken, stable = conjugate_gradients(
                 partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
                 join(*right), reduction, most or _MOST_STEPS,
@@ -138,11 +137,7 @@ class ExactGeometry:
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
-        if not self._is_small:
-            return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
-        rows = self.frame.coupling.stretch(motion.balls).reshape(-1, *self.means.shape)
-        rows[0] -= motion.compression
-        return self.sort(rows)
+        return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
 
     def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
         """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
@@ -156,7 +151,7 @@ class ExactGeometry:
     def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
         parts = self.stack(push, turning, rolling)
-        return self.frame.coupling.pull(*parts) if self._is_small else self.frame.forces(np.concatenate(parts))
+        return self.frame.forces(*parts)
 
     def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
@@ -333,7 +328,7 @@ class ExactPlace:
         push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
         return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
 
-    def multiply(self, stiffness: Array, forces: Array) -> SymmetricProduct:
+    def multiply(self, stiffness: Array, forces: Array) -> ContactHessian:
         """Return the product of :meth:`respond` with motions of balls without rotations, by the ``stiffness`` of contacts.
 
         It gives the sum of forces along the directions on the lattice, which differs by a part of order eps.
@@ -342,7 +337,7 @@ class ExactPlace:
         table = (stiffness + aside) * n[:, None] * n
         for a in range(len(n)):
             table[a, a] -= aside
-        return SymmetricProduct(self.geometry.frame.coupling, table)
+        return self.geometry.frame.couple(table)
 
     def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
         """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""

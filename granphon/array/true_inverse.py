@@ -4,43 +4,44 @@ A ball whose contacts all slide, or a row of balls that roll on each other, is h
 forces that act and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these,
 and iterations with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of
 the lattice. In space rows of balls roll, of which a ball alone knows nothing: there the whole matrix is factorised (sparse
-LU), of a small array at once, of a larger one where iterations do not come to an end without.
+LU). The matrix of a small array is factorised at once, which takes less time than iterations without factors; that of a
+larger one where iterations do not come to an end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.array_rows import number_cells
+from granphon.array import sparse_matrices
 from granphon.array.geometry import Inverse
 from granphon.array.preconditioners import compose_rows
 from granphon.array.stencils import Stencils
 
 Array = NDArray[np.float64]
-#: largest numbers of balls in space whose matrix is factorised: at once, and where iterations without factors do not come to
-#: an end. The time that factors take grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s
-_MOST_AT_ONCE, _MOST_BALLS = 2**9, 2**11
+#: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
+#: time than iterations without, by trial
+_MOST_AT_ONCE = (2**10, 2**9)
+#: the same where iterations without factors do not come to an end. In space the time grows as the power 2.5 of it: 1000
+#: balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
+_MOST_BALLS = (2**14, 2**11)
 #: stiffness that holds motions which nothing holds, over the mean stiffness: on some lattices balls turn against each other
 #: like gears, and what is left of torques, rounding among it, would turn them without limit
 HOLDING = 1e-10
 
 
 def is_small(stencils: Stencils) -> bool:
-    """Return whether an array is so small that factors of its matrix cost less than iterations without; in space alone."""
+    """Return whether an array is so small that factors of its matrix cost less than iterations without."""
     return can_factorise(stencils, _MOST_AT_ONCE)
 
 
-def can_factorise(stencils: Stencils, most: int = _MOST_BALLS) -> bool:
-    """Return whether factors of its matrix can be had: of an array in space with no more than ``most`` balls.
-
-    In a plane they are not needed.
-    """
-    return len(stencils.shape) == 3 and math.prod(stencils.shape) * stencils.n_balls <= most
+def can_factorise(stencils: Stencils, most: Sequence[int] = _MOST_BALLS) -> bool:
+    """Return whether an array has no more balls than ``most``, which is given for a plane and for space."""
+    return math.prod(stencils.shape) * stencils.n_balls <= most[len(stencils.shape) - 2]
 
 
 def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
@@ -49,24 +50,26 @@ def compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
     ``tables`` are those of :meth:`~granphon.array.true_geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
     ``stiffness`` is the mean one of contacts.
     """
-    from scipy.sparse import coo_array, eye_array  # imported here: most simulations do not need them
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
-    j = number_cells(frame.shape, [row.shift for row in frame.rows])
-    number, i = np.arange(j.size), np.broadcast_to(np.arange(j.shape[1]), j.shape)
+    i, j = frame.ends_of_rows()
+    number = np.arange(j.size)
     head, tail = frame.coefficients
     c = compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
-    columns = np.array(list(tables))
+    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
     of_contact = number.reshape(1, len(columns), -1)
-    at = [one.ravel() for one in np.broadcast_arrays(of_contact, of_contact.swapaxes(0, 1))]
-    d: Any = coo_array((columns.ravel(), (at[0], at[1])), shape=(j.size, j.size)).tocsr()
+    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
     return (c.T.tocsr() @ (d @ c) + HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
 
 
-def factorise(frame: Stencils, matrix: Any) -> Inverse:
-    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``."""
-    from scipy.sparse.linalg import splu
+def factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
+    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``.
 
-    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
+    If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are not all above zero.
+    """
+    factors = sparse_matrices.factorise(matrix, pivot=0.0 if symmetric else 0.1)
+    if symmetric and not (np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)):
+        return None
 
     def hold(fields: Array) -> Array:
         """Return motions without that of the whole array, or forces without that on it: nothing resists it."""

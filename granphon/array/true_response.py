@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_descent
-from granphon.array.coupling import SymmetricProduct
+from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.geometry import Inverse, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
@@ -66,10 +65,11 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     """
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    matrix = None if symmetric or not can_factorise(frame) else compose(frame, stiff, _tabulate(place, acting))
+    wanted = is_small(frame) if symmetric else can_factorise(frame)
+    matrix = compose(frame, stiff, _tabulate(place, acting)) if wanted else None
     inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
     inverse, most = next(inverses)
-    product = SymmetricProduct(frame.coupling, np.array(list(_tabulate(place, acting)))) if symmetric else None
+    product = frame.couple(np.array(list(_tabulate(place, acting)))) if symmetric else None
 
     def apply(vector: Array) -> Array:
         if product is not None:
@@ -88,7 +88,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
-            motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, most, floor)
+            motion, taken, stable = conjugate_gradients(apply, precondition, right, _RESPONSE, most, floor)
             done = stable and taken < most
         else:
             # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
@@ -113,19 +113,21 @@ def _offer_inverses(
 ) -> Iterator[tuple[Inverse, int]]:
     """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one.
 
-    Without tangential forces it is that of the lattice alone, for it has to be positive definite. ``stiff`` is the mean
-    normal stiffness of contacts; the ``matrix`` is None where it is not to be factorised.
+    Without tangential forces it has to be positive definite. ``stiff`` is the mean normal stiffness of contacts; the
+    ``matrix`` is None where it is not to be factorised.
     """
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
-    if symmetric or not is_small(frame):
-        whole = Preconditioners(stencils).choose(acting.springs, hard=True)
-        if symmetric:
-            yield whole, _RESPONSE_STEPS
-            return
-        alone = invert_balls(frame, stiff, _tabulate(place, acting))
-        yield lambda force: whole(force) + alone(force), _RESPONSE_STEPS if matrix is None else _PATIENCE * _KEPT
-    if matrix is not None:
-        yield factorise(frame, matrix), _RESPONSE_STEPS
+    if matrix is not None and is_small(frame) and (factors := factorise(frame, matrix, symmetric)):
+        yield factors, _RESPONSE_STEPS
+        return
+    whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+    if symmetric:
+        yield whole, _RESPONSE_STEPS
+        return
+    alone = invert_balls(frame, stiff, _tabulate(place, acting))
+    yield lambda force: whole(force) + alone(force), _RESPONSE_STEPS if matrix is None else _PATIENCE * _KEPT
+    if matrix is not None and (factors := factorise(frame, matrix)):
+        yield factors, _RESPONSE_STEPS
 
 
 def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, most: int) -> tuple[Array, bool]:

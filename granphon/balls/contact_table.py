@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.network import NEAR, describe_pieces, find_near_miss
+from granphon.balls.near_misses import NEAR, describe_pieces, find_near_miss
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 

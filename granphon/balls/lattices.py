@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +30,6 @@ BALL = "Fe"
 _LEAST_MEASURE = 0.1
 #: greatest number of a cell or a site
 _LARGEST = 1e6
-#: directions of at most so many numbers are kept with their unit vectors
-_FEW_NUMBERS = 12
 #: what a direction is on a line, in the plane and in space, and how it is given
 _DIRECTIONS = (
     ("one finite number, x, not zero", "(1,) or (-1,)"),
@@ -192,6 +191,13 @@ class Lattice:
             )
         return pressure
 
+    def pressure_per_force(self, spacing: Any) -> Any:
+        """Return the pressure over the contact force at a ``spacing``, m: 1/m in the plane, 1/m^2 in space, 1 on a line.
+
+        Raises :class:`InputError` where :attr:`pressure_factor` does.
+        """
+        return self.pressure_factor / spacing ** (self.periods - 1)
+
     def _repr_html_(self) -> str:
         rows = [
             ("name", self.name, ""), ("dimension", self.dimension, ""), ("periods", self.periods, ""),
@@ -261,9 +267,8 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     Raises :class:`InputError` for another shape, a number that is not finite, or a direction of length zero.
     """
     vector = real_array("direction", direction)
-    few = vector.size <= _FEW_NUMBERS
-    found = _find_unit(vector.shape, vector.tobytes(), dimension) if few else _normalise(vector, dimension)
-    if found is None:
+    largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
+    if vector.shape[-1:] != (dimension,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
         what, shown = _DIRECTIONS[dimension - 1]
         raise InputError(
             message(
@@ -272,21 +277,6 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
                 f"Give {shown}, or an array (n, {dimension}) of directions",
             )
         )
-    return found
-
-
-@lru_cache(maxsize=256)  # every state of a sweep is asked for sound along the same few directions
-def _find_unit(shape: tuple[int, ...], numbers: bytes, dimension: int) -> Array | None:
-    """Return :func:`_normalise` of a few numbers, read-only."""
-    found = _normalise(np.frombuffer(numbers).reshape(shape), dimension)
-    return None if found is None else read_only(found)
-
-
-def _normalise(vector: Array, dimension: int) -> Array | None:
-    """Return vectors divided by their lengths; None if they are no directions."""
-    largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
-    if vector.shape[-1:] != (dimension,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
-        return None
     vector = vector / largest
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 

@@ -68,6 +68,10 @@ class Material:
         """Ratio eta = 2(1 - sigma)/(2 - sigma) of the shear to the normal stiffness of a contact (equation 4)."""
         return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
 
+    def ball_mass(self, diameter: float) -> float:
+        """Return the mass of a ball, pi rho d^3 / 6, kg (equation 7); ``diameter`` in m."""
+        return math.pi / 6.0 * self.density * diameter * diameter * diameter
+
     @property
     def shear_modulus(self) -> float:
         """Shear modulus E / 2(1 + sigma), Pa."""

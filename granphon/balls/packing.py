@@ -178,7 +178,7 @@ class Packing:
     @property
     def mass(self) -> float:
         """Mass of a ball of the mean diameter, M = pi rho d^3 / 6, kg (equation 7)."""
-        return math.pi / 6.0 * self.material.density * self.diameter * self.diameter * self.diameter
+        return self.material.ball_mass(self.diameter)
 
     @property
     def relative_width(self) -> float:
@@ -205,7 +205,7 @@ class Packing:
 
         Raises :class:`InputError` if the stress of the lattice is not a pressure.
         """
-        return self.structure.pressure_factor / self.diameter ** (self.structure.periods - 1)
+        return float(self.structure.pressure_per_force(self.diameter))
 
     @property
     def effective_density(self) -> float:
@@ -217,7 +217,7 @@ class Packing:
         per_ball = self.structure.measure_per_ball
         if self.structure.periods == 1:
             return self.mass / (self.diameter * per_ball)
-        return math.pi / 6.0 * self.material.density / per_ball
+        return self.material.ball_mass(1.0) / per_ball
 
     def _repr_html_(self) -> str:
         return write_html("Packing", describe_packing(self))

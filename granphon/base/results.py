@@ -12,7 +12,7 @@ import numpy as np
 
 from granphon.base.digests import damage_error, digest
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.notebook import write_html
+from granphon.base.notebook import describe_value, write_html
 from granphon.base.text import require_schema, show
 
 #: keys that the plain data of a result hold besides its class and its fields
@@ -74,18 +74,25 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        values = ((f.name, getattr(self, f.name)) for f in fields(self) if f.repr)
-        shown = (f"{n}=<array {v.shape}>" if isinstance(v, np.ndarray) and v.size > 8 else f"{n}={v!r}" for n, v in values)
-        return f"{type(self).__name__}({', '.join(shown)})"
+        parts = []
+        for name, value, unit in self._list_values():
+            text = describe_value(value)
+            text = f"[{text}]" if ", " in text else text
+            parts.append(f"{name}={text}" if unit in ("", "1") else f"{name}={text} {unit}")
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     def _repr_html_(self) -> str:
+        return write_html(type(self).__name__, self._list_values())
+
+    def _list_values(self) -> list[tuple[str, Any, str]]:
+        """Name, value and unit of what is shown of a result: no field that is None or empty."""
         units, rows = self._field_units(), []
         for name in (*(f.name for f in fields(self) if f.repr), *self._notebook_fields):
             with suppress(GranphonError):  # a property that this result does not have, such as the pressure of some lattices
                 value = getattr(self, name)
                 if value is not None and not (isinstance(value, tuple) and not value):
                     rows.append((name, value, units.get(name, "")))
-        return write_html(type(self).__name__, rows)
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data: class name, schema, the unit of each field, the fields, and a digest of all these.

@@ -17,7 +17,7 @@ from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
-    from granphon.media.accuracy import ReferenceModel
+    from granphon.media.friction_history import FrictionHistory
     from granphon.scene.scene import Scene
 
 
@@ -184,12 +184,10 @@ def measure_tradeoff(
 
     For the balls and the loads of the scene it compares the averaged lattice, the averaged force, the effective medium, and
     simulations of several sizes, with arrays at rest without friction or, if a medium of the scene has friction_history,
-    with arrays loaded with friction. It also compares settings: the grid of the Green's function, the solution of the
-    effective medium, and the mesh of the density of states if the scene observes it. An error is that of the observed
-    quantities, against a reference from another algorithm. A time is the median of warm runs, measured by the worker:
-    --workers and --scheduler need an idle processor for each study. What does not fit into the budget is listed as not run.
-    The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams. If the command is cut off, the studies that
-    are finished are kept in the folder, and the same command continues from there.
+    with arrays loaded with friction. An error is that of the observed quantities, against an ensemble of such arrays that
+    another algorithm has checked. A time is the median of warm runs, measured by the worker: --workers and --scheduler need
+    an idle processor. What does not fit into the budget is listed as not run. The folder gets tradeoff.csv and tradeoff.png,
+    the work-precision diagram.
 
     \b
     Examples:
@@ -201,6 +199,7 @@ def measure_tradeoff(
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.cli.wording import describe_tradeoff
+    from granphon.media.friction_history import REFERENCE_OPTIONS
     from granphon.scene.result_files import WORK_FILE
     from granphon.scene.scene import Scene
     from granphon.sweeps.schedulers import open_executor, require_workers
@@ -216,7 +215,8 @@ def measure_tradeoff(
         files.require_free()
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
-    given: dict[str, Any] = {load.kind: load.values, **_find_truth(scene, read).options}
+    truth = _find_truth(scene, read).options
+    given: dict[str, Any] = {load.kind: load.values, **{name: truth[name] for name in REFERENCE_OPTIONS}}
     work = None if out is None else Path(out) / WORK_FILE
     failures: dict[str, str] | None = None
 
@@ -255,11 +255,11 @@ def measure_tradeoff(
             say(line)
 
 
-def _find_truth(scene: str, read: Scene) -> ReferenceModel:
+def _find_truth(scene: str, read: Scene) -> FrictionHistory:
     """Return the truth that the media of a scene name: arrays at rest without friction, unless one has a history."""
-    from granphon.media.accuracy import REST
+    from granphon.media.friction_history import REST
 
-    found = list(dict.fromkeys(choice.truth for choice in read.media if choice.truth.is_loaded)) or [REST]
+    found = list(dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)) or [REST]
     if len(found) > 1:
         what = f"the media of {scene} are loaded with friction in {len(found)} ways"
         raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))

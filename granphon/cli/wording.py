@@ -75,15 +75,15 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ("load", _describe_load(scene.load, packing.structure.periods)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
-    if scene.is_single and scene.plan.rung.chosen:
-        rows.append(("chosen", describe_choice(scene.plan.rung)))
+    if scene.is_single and scene.plan.serving.chosen_automatically:
+        rows.append(("chosen", describe_choice(scene.plan.serving)))
     if not scene.is_single:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
         states = math.prod(count for count, *_ in sizes)
         counts = " x ".join(counted(*one) for one in sizes)
         rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
-    elif scene.plan.rung.is_quick:
+    elif scene.plan.serving.is_quick:
         state = scene.state()
         rows += [
             ("contact", f"force {write_quantity(state.force, 'N')}, overlap {write_quantity(state.overlap, 'm')}"),
@@ -114,11 +114,11 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     return rows
 
 
-def describe_choice(rung: ServingMedium) -> str:
+def describe_choice(serving: ServingMedium) -> str:
     """Text of the medium that an automatic medium has chosen, and of its expected relative error and against what."""
-    error = float(rung.errors[0])
-    told = f"expected error {error:.2g} against {rung.truth}" if error else "exact for equal balls"
-    return f"{rung.medium.label}, {told}"
+    error = float(serving.errors[0])
+    told = f"expected error {error:.2g} against {serving.truth}" if error else "exact for equal balls"
+    return f"{serving.medium.label}, {told}"
 
 
 def describe_cost(cost: Cost) -> str:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InstabilityError, message
 from granphon.dynamics.linalg import cholesky_factor, find_dependent, find_rank, graded_eigh, graded_svd, lapack_svd
-from granphon.dynamics.wave_rows import WaveRows, bend, bend_slope
+from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
 Array = NDArray[np.float64]
 #: relative difference of frequencies below which branches are treated as one degenerate set
@@ -110,14 +110,17 @@ class Block:
         """Number of rows of C(q)."""
         return len(self.deforming.odd) * len(self.deforming.half)
 
+    @property
+    def _kinds(self) -> tuple[WaveRows, ...]:
+        """Rows of C(q), then those on which prestress acts, if there is any."""
+        return (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
+
     @cached_property
     def rank(self) -> int:
         """Generic rank of C(q): the number of its branches that do not vanish at every wave vector."""
         found = 0
         for q in _GENERIC[:, None, : self.deforming.half.shape[1]]:
-            rows = self.deforming.compute_rows(q)[0]
-            if self.pushing is not None:
-                rows = np.concatenate([rows, self.pushing.compute_rows(q)[0]])
+            rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
             if found < min(rows.shape):
                 found = max(found, find_rank(rows))
         return found
@@ -181,9 +184,8 @@ class Block:
         """
         count = int(np.count_nonzero(values == 0.0))
         motions, q = right if point.basis is None else point.basis[at] @ right, point.q[at : at + 1]
-        kinds = (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
-        rows, slope = (np.concatenate([one.compute_rows(q, d)[0] for one in kinds]) for d in (False, True))
-        half = np.concatenate([one.repeat_half_vectors() for one in kinds])
+        rows, slope = (np.concatenate([one.compute_rows(q, d)[0] for one in self._kinds]) for d in (False, True))
+        half = np.concatenate([one.repeat_half_vectors() for one in self._kinds])
         others = rows @ motions[:, count:] / values[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])
         ahead = np.tensordot(along, change, 1)
@@ -222,7 +224,9 @@ class Block:
         # branches of equal slope separate at second order only: use the modes one step further on, where the length of the
         # step, not LAPACK's error, limits the accuracy. Those that do not separate there have no vectors of their own
         points = np.unique(np.concatenate([some for some, _ in alike]))
-        factors, matrices = self._compute_roughly(point.q[points] + _STEP_BESIDE * along[points])
+        beside = point.q[points] + _STEP_BESIDE * along[points]
+        factors = self.deforming.compute_rows(beside)
+        matrices = self._make_matrix(factors, None if self.pushing is None else self.pushing.compute_rows(beside))
         squares = np.linalg.eigvalsh(matrices)
         for some, part in alike:
             place = np.searchsorted(points, some)
@@ -230,20 +234,14 @@ class Block:
             if np.any(split):
                 here = right[some[split], :, part]
                 vectors = here if point.basis is None else point.basis[some[split]] @ here
-                own = factorise(matrices[place[split]]) if factors is None else factors[place[split]]
+                own = factors[place[split]] if self.pushing is None else factorise(matrices[place[split]])
                 u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ lapack_svd(own)[1][:, :, part])
                 right[some[split], :, part] = here @ (u @ vh)
 
-    def _compute_roughly(self, q: Array) -> tuple[NDArray[Any] | None, NDArray[Any]]:
-        """Return C(q), or None under prestress, and D(q)."""
-        rows = self.deforming.compute_rows(q)
-        if self.pushing is not None:
-            return None, self._make_matrix(rows, self.pushing.compute_rows(q))
-        return rows, rows.conj().swapaxes(1, 2) @ rows
-
-    def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any]) -> NDArray[Any]:
-        """Return D(q) under prestress."""
-        return np.asarray(rows.conj().swapaxes(1, 2) @ rows - across.conj().swapaxes(1, 2) @ (self.signs * across))
+    def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
+        """Return D(q) from rows of C(q), and of displacements across contacts under prestress."""
+        own = rows.conj().swapaxes(1, 2) @ rows
+        return np.asarray(own if across is None else own - across.conj().swapaxes(1, 2) @ (self.signs * across))
 
     # -- C(q) -------------------------------------------------------------------------------------------------------
 
@@ -253,16 +251,18 @@ class Block:
             return _Point(q, rows, self.pushing.compute_rows(q))
         if not self.bent:
             return _Point(q, rows)
-        tilted, count = self._tilt_rows(q), len(self.bent)
-        basis, triangle = np.linalg.qr(self._make_tilted(q))
+        # tilted motions: first the bent displacements, each with its rotation, then all others
+        count = len(self.bent)
+        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
+        motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
+        basis, triangle = np.linalg.qr(motions)
+        # A rigid rotation of two balls about the middle of their centres deforms no contact. That takes the place of the
+        # rows in which sine and cosine would cancel
+        own, turned, half = self._tilted
+        angle = q @ half.T
+        tilted = bend(angle)[..., None] * own + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q)
         own = tilted @ np.linalg.inv(triangle[:, :count, :count])
         return _Point(q, np.concatenate([own, rows @ basis[:, :, count:]], axis=2), None, basis, triangle)
-
-    def _make_tilted(self, q: Array) -> NDArray[Any]:
-        """Return (n_q, n, n) tilted motions: first the bent displacements, each with its rotation, then all others."""
-        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
-        motions[:, :, : len(self.bent)] += np.einsum("kna,qa->qnk", self.tilt, q)
-        return np.asarray(motions)
 
     @cached_property
     def _order(self) -> list[int]:
@@ -274,18 +274,8 @@ class Block:
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         return odd[:, self.bent], np.einsum("mn,kna->mka", odd, self.tilt), self.deforming.repeat_half_vectors()
 
-    def _tilt_rows(self, q: Array) -> NDArray[Any]:
-        """Return the columns (n_q, m, bent) of C(q) of each bent displacement with its rotation.
-
-        A rigid rotation of two balls about the middle of their centres deforms no contact. That takes the place of the rows
-        in which sine and cosine would cancel.
-        """
-        own, turned, half = self._tilted
-        angle = q @ half.T
-        return np.asarray(bend(angle)[..., None] * own + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q))
-
     def _tilt_slopes(self, q: Array) -> NDArray[Any]:
-        """Return the gradients (n_q, p, m, bent) of :meth:`_tilt_rows` with respect to q."""
+        """Return the gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)."""
         own, turned, half = self._tilted
         angle = q @ half.T
         inner = bend_slope(angle)[..., None] * own + np.cos(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q)
@@ -321,24 +311,15 @@ class Block:
     @cached_property
     def _largest(self) -> float:
         """An upper bound of the lengths of columns."""
-        kinds = (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
-        return 4.0 * float(sum(np.linalg.norm(part) for waves in kinds for part in (waves.odd, waves.even)))
-
-    @cached_property
-    def _sizes(self) -> list[tuple[Array, Array, Array]]:
-        """Half vectors, and the sizes of what sine and cosine multiply, of each kind of rows."""
-        found = []
-        for waves in (self.deforming,) if self.pushing is None else (self.deforming, self.pushing):
-            odd, even = np.abs(waves.odd), np.abs(waves.even)
-            # where two ends cancel, their difference is rounding of both
-            found.append((waves.half, odd, np.where(even > 0.0, even + odd, 0.0)))
-        return found
+        return 4.0 * float(sum(np.linalg.norm(part) for waves in self._kinds for part in (waves.odd, waves.even)))
 
     def _find_rounding(self, point: _Point, places: NDArray[np.intp], right: NDArray[Any]) -> Array:
         """Return (places, n) frequencies that are no more than the rounding of sine and cosine in their own columns."""
         squares: Any = 0.0
-        for half, odd, even in self._sizes:
-            size = np.abs(point.q[places] @ half.T)[:, None, :, None] * odd + even
+        for waves in self._kinds:
+            odd, even = np.abs(waves.odd), np.abs(waves.even)
+            even = np.where(even > 0.0, even + odd, 0.0)  # where two ends cancel, their difference is rounding of both
+            size = np.abs(point.q[places] @ waves.half.T)[:, None, :, None] * odd + even
             squares = squares + np.sum(size**2, axis=(1, 2))
         if self.bent:
             own, turned, half = self._tilted

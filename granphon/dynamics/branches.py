@@ -12,7 +12,7 @@ from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arguments import real_array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 
 Array = NDArray[np.float64]
 #: number of points, from Gamma to the edge of the zone, at which branches are followed

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.zone_quadrature import grid_zone
 
 Array = NDArray[np.float64]
 #: most contacts of a cluster: the work for one grows as their cube
@@ -175,14 +176,12 @@ def _respond(medium: ContactLattice, lattice: Lattice, cluster: list[_Place], ne
 
 def _grids(medium: ContactLattice) -> list[tuple[Array, Array]]:
     """Return wave vectors (n_q, p) of two grids half a step off Gamma, and weights, in parts; q stands for -q too."""
-    periods = medium.periods
-    coarse, fine = _POINTS[periods - 1]
+    coarse, fine = _POINTS[medium.periods - 1]
     share = fine**2 / (fine**2 - coarse**2)
     parts = []
     for points, weight in ((coarse, 1.0 - share), (fine, share)):
-        ticks = (np.arange(points) + 0.5) / points
-        grid = np.stack(np.meshgrid(ticks[ticks < 0.5], *[ticks] * (periods - 1), indexing="ij"), axis=-1)
-        grid = grid.reshape(-1, periods) @ medium.reciprocal
-        for part in np.array_split(grid, -(-len(grid) // _PART)):
-            parts.append((part, np.full(len(part), weight / len(grid))))
+        grid, counts = grid_zone(medium.reciprocal, points)
+        several = -(-len(grid) // _PART)
+        weights = weight * counts / points**medium.periods
+        parts += list(zip(np.array_split(grid, several), np.array_split(weights, several), strict=True))
     return parts

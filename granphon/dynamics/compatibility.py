@@ -20,8 +20,7 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError, m
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.dynamics.wave_rows import WaveRows
+from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
@@ -240,10 +239,8 @@ class Compatibility:
         -------
         (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
         """
-        rows = self._compute_rows(wavevectors, derivative)
-        if derivative:
-            return np.asarray(rows[:, None] * self._own_waves.repeat_half_vectors().T[None, :, :, None])
-        return rows
+        rows = self._own_waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
+        return rows[:, None] * self._own_waves.repeat_half_vectors().T[None, :, :, None] if derivative else rows
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -296,14 +293,6 @@ class Compatibility:
         half = 0.5 * self.contacts.vector[:, : self.periods]
         return WaveRows(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else WaveRows(odd, even, half)
 
-    def _compute_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
-        """Return rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
-
-        With ``prestress``, they are the rows of transverse displacement times |f/a|^1/2 instead.
-        """
-        q = as_wavevectors(wavevectors, self.periods)
-        return (self._make_waves(prestress) if prestress else self._own_waves).compute_rows(q, derivative)
-
     @cached_property
     def _own_waves(self) -> WaveRows:
         return self._make_waves()
@@ -338,7 +327,7 @@ class Compatibility:
 
     @cached_property
     def _wave_contacts(self) -> NDArray[np.intp]:
-        """(n_c,) index of the contact whose half angle each row of :meth:`_compute_real_rows` contains."""
+        """(n_c,) index of the contact whose half angle each row of :attr:`_deforming` contains."""
         found = np.arange(len(self.contacts))
         if self._images is not None:
             first, image = self._images
@@ -369,23 +358,20 @@ class Compatibility:
     def _pushing(self) -> WaveRows:
         return self._make_real_waves(prestress=True)
 
-    def _compute_real_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
-        """Return rows as :meth:`_compute_rows` does, with the same C^H C, but real if each contact has an image."""
-        q = as_wavevectors(wavevectors, self.periods)
-        return (self._pushing if prestress else self._deforming).compute_rows(q, derivative)
-
-    def _find_push_signs(self, across: NDArray[Any]) -> Array:
-        """Return (n_rows, 1) signs of the static forces in the contacts of the rows ``across``."""
-        signs = np.sign(self.prestress[self._wave_contacts])
-        return np.tile(signs, across.shape[1] // len(self.contacts))[:, None]
+    @cached_property
+    def _push_signs(self) -> Array:
+        """(n_c,) sign of the static force in the contact of each row of displacements across contacts."""
+        return np.sign(self.prestress[self._wave_contacts])
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """Return D(q) in the frame, including prestress."""
-        rows = self._compute_real_rows(wavevectors)
+        q = as_wavevectors(wavevectors, self.periods)
+        rows = self._deforming.compute_rows(q)
         matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
-            across = self._compute_real_rows(wavevectors, prestress=True)
-            matrix = matrix - across.conj().swapaxes(1, 2) @ (self._find_push_signs(across) * across)
+            across = self._pushing.compute_rows(q)
+            signs = np.tile(self._push_signs, len(self._pushing.odd))[:, None]
+            matrix = matrix - across.conj().swapaxes(1, 2) @ (signs * across)
         return np.asarray(matrix)
 
     @cached_property

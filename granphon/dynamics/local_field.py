@@ -30,8 +30,8 @@ from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arguments import not_negative, whole_number
 from granphon.base.errors import MechanismError, PrecisionError, message
 from granphon.base.results import Result
-from granphon.dynamics.modes import ContactLattice
-from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries, grid_zone
 
 Array = NDArray[np.float64]
 #: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra (three), tried in turn until
@@ -178,7 +178,11 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
     """
     points = whole_number("points", points, 2)
     medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
-    zone = _divide_by_symmetry(medium, points) if graded else _grid_zone(medium.reciprocal, points)
+    if graded:
+        zone = _divide_by_symmetry(medium, points)
+    else:
+        grid, counts = grid_zone(medium.reciprocal, points)
+        zone = iter([(grid, counts / points**2)])
     return float(1.0 / _average_response(medium, zone)[0] - 1.0)
 
 
@@ -292,11 +296,3 @@ class _Tension:
     def transform(self, q: Array) -> NDArray[np.complex128]:
         """Return the Fourier transforms (n_q, n_c, n_balls) of the tensions."""
         return np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in self.which], axis=2)
-
-
-def _grid_zone(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
-    """Yield what :func:`divide_zone` yields, on a grid of ``points``^2 points of equal weight, half a step off Gamma."""
-    ticks = (np.arange(points) + 0.5) / points
-    half = ticks[ticks <= 0.5]  # q and -q are equivalent
-    grid = np.stack(np.meshgrid(half, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-    yield grid @ reciprocal, np.where(grid[:, 0] < 0.5, 2.0, 1.0) / points**2

@@ -10,10 +10,14 @@ A contact of normal n, at distances ``arm_i`` and ``arm_j`` from the centres of 
 Slip and roll have two components, along the tangents of :func:`~granphon.balls.contact_table.contact_frames`. Each is
 ``head . x_j - tail . x_i``, where x are the motions of a ball. Everything linear in the dynamics of contacts is made of
 these rows: C(q), force constants, strains, the stencils of an array.
+
+In a wave the two ends of a contact move with phases that differ by q.(r_j - r_i). Taken about the middle of the contact, a
+row of C(q) is a cosine and a sine of half that angle: :class:`WaveRows`.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +27,12 @@ from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
 
 Array = NDArray[np.float64]
+#: half angle below which sin h - h cos h is summed as a series
+_SERIES = 1.0
+#: coefficients of (sin h - h cos h)/h^3 in powers of h^2; the next one is below rounding
+_BEND = [(-1.0) ** k * (2 * k + 2) / math.factorial(2 * k + 3) for k in range(9)]
+#: components along x, y and z, each (n_c,)
+_Axes = list[Array]
 
 
 class Row(NamedTuple):
@@ -127,10 +137,6 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
     return np.asarray(row.head[:, motions.translating, None] * vector[:, None, :])
 
 
-#: components along x, y and z, each (n_c,)
-_Axes = list[Array]
-
-
 def _make_row(kind: str, stiffness: Any, moved: _Axes, turned: _Axes, at_j: Any, at_i: Any, motions: Motions) -> Row:
     """Return the row ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions."""
     moves, turns = [moved[axis] for axis in motions.translations], [turned[axis] for axis in motions.rotations]
@@ -153,3 +159,62 @@ def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, A
         if any(part.any() or not len(part) for part in parts):
             rows.append(_make_row(kind, stiffness, moved, turned, at_j, at_i, motions))
     return rows
+
+
+# -- rows in a wave ---------------------------------------------------------------------------------------------------
+
+
+class WaveRows(NamedTuple):
+    """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j - r_i)/2 of a contact.
+
+    ``odd`` and ``even`` are (kinds, n_c, n); ``half`` (n_c, p) holds (r_j - r_i)/2 along the periods.
+    """
+
+    odd: NDArray[Any]
+    even: NDArray[Any]
+    half: Array
+
+    def compute_rows(self, wavevectors: Array, derivative: bool = False) -> NDArray[Any]:
+        """Return (n_q, kinds * n_c, n) rows, or their derivatives with respect to the half angle."""
+        angle = wavevectors @ self.half.T
+        sine, cosine = np.sin(angle), np.cos(angle)
+        if derivative:
+            sine, cosine = cosine, -sine
+        # view complex numbers as pairs of reals: the factors are real, and a real product is cheaper
+        rows = sine[:, None, :, None] * self.odd.view(np.float64)
+        rows += cosine[:, None, :, None] * self.even.view(np.float64)
+        kinds, contacts, columns = self.odd.shape
+        return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, columns)
+
+    def repeat_half_vectors(self) -> Array:
+        """Return (kinds * n_c, p) gradients of each row's half angle with respect to q."""
+        return np.tile(self.half, (len(self.odd), 1))
+
+    def find_effects(self) -> NDArray[np.bool_]:
+        """Return (kinds, n_c, n), whether each motion takes part in each row at any wave vector."""
+        return np.asarray((self.odd != 0.0) | (self.even != 0.0))
+
+    def select(self, rows: NDArray[np.bool_], columns: NDArray[np.intp]) -> WaveRows:
+        """Return the ``rows`` (kinds, n_c) that are marked, of the motions ``columns``."""
+        if np.all(rows) and len(columns) == self.odd.shape[2]:
+            return self
+        kinds, contacts = np.any(rows, axis=1), np.any(rows, axis=0)
+        if np.all(rows[np.ix_(kinds, contacts)]):
+            place: Any = np.ix_(kinds, contacts, columns)
+            return WaveRows(self.odd[place], self.even[place], self.half[contacts])
+        odd, even = (part[rows][None, :, columns] for part in (self.odd, self.even))
+        return WaveRows(odd, even, self.half[np.nonzero(rows)[1]])
+
+
+def bend(angle: Array) -> Array:
+    """Return sin h - h cos h, to rounding of itself: h^3/3 at small angles."""
+    square = np.square(angle)
+    series = np.zeros_like(angle)
+    for coefficient in reversed(_BEND):
+        series = series * square + coefficient
+    return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, np.sin(angle) - angle * np.cos(angle)))
+
+
+def bend_slope(angle: Array) -> Array:
+    """Return h sin h, the derivative of :func:`bend`."""
+    return np.asarray(angle * np.sin(angle))

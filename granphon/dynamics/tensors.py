@@ -13,12 +13,13 @@ from granphon.balls.lattices import Lattice, as_direction
 from granphon.base.errors import InstabilityError, message
 from granphon.base.results import read_only
 from granphon.dynamics.linalg import cholesky_factor
-from granphon.dynamics.long_waves import voigt_pairs
-from granphon.dynamics.polarisations import decompose_waves
+from granphon.dynamics.long_waves import decompose_waves, voigt_pairs
 
 Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
 _TOLERANCE = 1e-6
+#: number of periods of a lattice whose elastic tensor has so many rows
+_PERIODS = {1: 1, 3: 2, 6: 3}
 
 
 @lru_cache(maxsize=64)
@@ -67,7 +68,7 @@ def has_cubic_axes(lattice: Lattice) -> bool:
 
     False of a line, and of the triangular lattice, on which an elastic tensor is isotropic.
     """
-    n = {1: 1, 2: 3, 3: 6}[lattice.periods]
+    n = len(voigt_pairs(lattice.periods))
     if n == 1:
         return False
     each = np.arange(1.0, n * n + 1.0).reshape(n, n) ** 2
@@ -102,7 +103,7 @@ def bulk_and_shear(tensor: Array) -> Array:
 
     Of a line K is its modulus, and G is zero.
     """
-    p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
+    p = _PERIODS[tensor.shape[-1]]
     bulk, each = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2, shears(tensor)
     return np.stack([bulk, np.mean(each, axis=-1) if p > 1 else np.zeros_like(bulk)], axis=-1)
 
@@ -119,7 +120,7 @@ def anisotropy(shear: Array) -> Array:
 
 def longitudinal_modulus(tensor: Array) -> Array:
     """Return the modulus of longitudinal waves over all directions, (...): K + G in the plane, K + 4G/3 in space."""
-    p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
+    p = _PERIODS[tensor.shape[-1]]
     bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
     return np.asarray(bulk + 2.0 * (p - 1) / p * shear)
 
@@ -129,13 +130,13 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
 
     Returns
     -------
-    velocities : (..., p), or (..., n, p), in the order of :func:`~granphon.dynamics.polarisations.name_waves`, in the root
+    velocities : (..., p), or (..., n, p), in the order of :func:`~granphon.dynamics.long_waves.name_waves`, in the root
         of the tensor's unit: over the root of the density they are velocities.
     polarisations : (..., p, p), or (..., n, p, p), unit vectors as columns.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a tensor is not positive.
     """
-    periods = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
+    periods = _PERIODS[tensor.shape[-1]]
     along, pairs = as_direction(direction, periods), voigt_pairs(periods)
     strain = np.zeros((*along.shape, len(pairs)))  # of a wave with a unit displacement along each axis
     for place, (a, b) in enumerate(pairs):

@@ -149,3 +149,15 @@ def divide_zone(
 def _combine(values: Array, periods: int) -> Array:
     """Return (n^p, p), all combinations of n values."""
     return np.stack(np.meshgrid(*[values] * periods, indexing="ij"), axis=-1).reshape(-1, periods)
+
+
+def grid_zone(reciprocal: Array, points: int) -> tuple[Array, Array]:
+    """Return a uniform grid over the zone, half a step off Gamma, for the mean of an even function.
+
+    It has ``points`` along each period. One of q and -q stands for both: returned are the wave vectors (n_q, p), and how
+    many of the points each stands for (n_q,).
+    """
+    ticks = (np.arange(points) + 0.5) / points
+    axes = [ticks[ticks <= 0.5], *[ticks] * (len(reciprocal) - 1)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(reciprocal))
+    return grid @ reciprocal, np.where(grid[:, 0] < 0.5, 2.0, 1.0)

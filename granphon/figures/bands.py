@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
-from granphon.figures.zones import find_reciprocal, plot_zone, print_label
+from granphon.figures.zones import find_reciprocal, name_corners, plot_zone
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
@@ -80,17 +80,14 @@ def plot_bands(
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
-    for x in corners[1:-1]:
-        ax.axvline(float(x), color=FRAME, linewidth=0.5, zorder=0.5)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
     # where corners are close the two names at a jump of the path stand one above the other
     crowded = np.min(np.diff(corners), initial=np.inf) < _CROWDED * (corners[-1] - corners[0])
-    names = [print_label(label).replace("|", "\n" if crowded else "|") for label in bands.labels]
-    ax.set_xticks(corners, names, **slant)
-    ax.tick_params(axis="x", length=0)
-    ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})")
-    ax.set(xlim=corners[[0, -1]], ylim=(-0.02 * values.max(), 1.05 * values.max()))
+    name_corners(ax, corners, bands.labels, **slant)
+    if crowded:
+        ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max()))
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if colorbar:

@@ -14,14 +14,14 @@ from typing import Any
 from granphon.figures.curves import (
     MOST_LOOKS,
     Curve,
-    Look,
     draw_curve,
+    label_axes,
     make_handle,
     make_looks,
     make_outside,
     make_serving,
 )
-from granphon.figures.scales import name_axis, scale_axis
+from granphon.figures.scales import add_legend
 
 # isort: split
 import matplotlib
@@ -30,24 +30,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.figures.runs import Run
-from granphon.figures.shared_axis import choose_axes, read_points, require_one_axis
-from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
-from granphon.figures.sweep_lines import describe_lines
+from granphon.figures.runs import Run, choose_axes, read_points, require_one_axis
+from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
+from granphon.figures.sweep_lines import describe_lines, find_load
 from granphon.figures.words import find_differing, join_facts, write_value
-from granphon.figures.zones import print_label
+from granphon.figures.zones import name_corners
 from granphon.fits.measurements import Measurements
-from granphon.observables.catalogue import axis_label
 
-#: letters of a line of a legend, and of a title, in a column; letters of labels that stand two in a row
-_LETTERS, _TITLE_LETTERS, _SHORT = 50, 60, 24
+Array = NDArray[np.float64]
+#: letters of a line of a legend, and of a title, in a column
+_LETTERS, _TITLE_LETTERS = 50, 60
 #: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters
 _LETTER, _LONG_HANDLE = 0.55, 2.8
-#: height of a figure without legend and title, and that of a line of these, in inches
-_HEIGHT, _LINE_HEIGHT = 2.5, 0.145
+#: height of a figure without legend and title, in inches
+_HEIGHT = 2.5
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 
@@ -118,14 +118,9 @@ def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: boo
         drawn = _draw(results, figure.subplots(), **options)
         if not legend:
             return figure
-        labels = [str(handle.get_label()) for handle in drawn.handles]
-        columns = 1 if max(map(len, labels)) > _SHORT else min(2, len(labels))
-        rows = sum(1 + label.count("\n") for label in labels) if columns == 1 else -(-len(labels) // 2)
         title = join_facts(drawn.common, _TITLE_LETTERS)
-        lines = rows + (1 + title.count("\n") if title else 0)
-        figure.set_size_inches(COLUMN_WIDTH, _HEIGHT + _LINE_HEIGHT * lines)
-        length = _find_length(drawn.handles)
-        figure.legend(handles=drawn.handles, loc="outside lower center", ncols=columns, handlelength=length)
+        lines = 1 + title.count("\n") if title else 0
+        add_legend(figure, drawn.handles, -lines, handlelength=_find_length(drawn.handles))
         if title:
             figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
     return figure
@@ -229,11 +224,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     if not all(np.all(curve.valid) for curve in models):
         handles.append(make_outside(all(curve.as_points for curve in models)))
     handles += make_serving(models) + headed
-    every = [*models, *points]
-    for which, name, unit in (("x", x, models[0].units[0]), ("y", y, models[0].units[1])):
-        values = np.concatenate([getattr(curve, which) for curve in every])
-        scale_axis(ax, which, values)
-        name_axis(ax, which, values, axis_label(name, ""), unit)
+    label_axes(ax, [*models, *points], x, y)
     return _Drawn(handles, common)
 
 
@@ -246,10 +237,11 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
     for run in runs:
         told = {"name": run.name} if run.named else {}
         if run.dataset is not None:
-            load = run.dataset[run.load]
+            kind = find_load(run.dataset)
+            load = run.dataset[kind]
             (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
             value = write_value(float(load.values[0]), load.attrs.get("units", ""))
-            told |= facts_of_state | {"load": f"{run.load} {value}"}
+            told |= facts_of_state | {"load": f"{kind} {value}"}
         facts.append(told)
     known = all(facts)  # what one run does not tell of itself is no difference between it and the others
     facts = [
@@ -266,9 +258,16 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
     return labels, common if len(runs) > 1 else []
 
 
-def _write_style(look: Look) -> dict[str, Any]:
-    """Return the look of a line as options of matplotlib."""
-    return {"color": look.colour, "linewidth": look.width} | ({"dashes": look.dashes} if look.dashes else {})
+def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]) -> _Drawn:
+    """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
+    labels, common = _describe_spectra(runs)
+    handles = []
+    for n, (parts, look, label) in enumerate(zip(lines, make_looks(len(runs)), labels, strict=True)):
+        dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
+        for x, y in parts:
+            ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
+        handles.append(Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes))
+    return _Drawn(handles, common)
 
 
 def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
@@ -283,32 +282,20 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
             why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
             raise InputError(message(what, why, "Compute them along one path"))
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
-    labels, common = _describe_spectra(runs)
-    handles = []
-    for n, (bands, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
-        style = _write_style(look)
-        for s, along in enumerate(bands.distances):
-            ax.plot(along, bands.connected_frequencies[s] / unit.hertz, gid=f"bands-{n}", **style)
-        handles.append(Line2D([], [], label=label, **style))
-    corners = np.append(first.distances[:, 0], first.distances[-1, -1])
-    for corner in corners[1:-1]:
-        ax.axvline(float(corner), color=FRAME, linewidth=0.5, zorder=0.5)
-    ax.set_xticks(corners, [print_label(label) for label in first.labels])
-    ax.tick_params(axis="x", length=0)
-    ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})", xlim=corners[[0, -1]], ylim=(0.0, None))
-    return _Drawn(handles, common)
+    lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
+    drawn = _draw_spectra(runs, ax, "bands", lines)
+    name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
+    return drawn
 
 
 def _draw_dos(runs: Sequence[Run], ax: Axes) -> _Drawn:
     """Draw densities of states one over the other, a colour for each run."""
     every = [run.dos for run in runs if run.dos is not None]
     unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in every))
-    labels, common = _describe_spectra(runs)
-    handles = []
-    for n, (dos, look, label) in enumerate(zip(every, make_looks(len(runs)), labels, strict=True)):
-        style = _write_style(look)
-        ax.plot(dos.frequencies / unit.hertz, dos.total * unit.hertz, gid=f"dos-{n}", **style)
-        handles.append(Line2D([], [], label=label, **style))
+    lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in every]
     name = print_hertz(unit)
-    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
-    return _Drawn(handles, common)
+    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
+    drawn = _draw_spectra(runs, ax, "dos", lines)
+    ax.set(xlim=(0.0, None), ylim=(0.0, None))
+    return drawn

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 # before matplotlib, whose import this module guards
-import granphon.figures.scales  # noqa: F401
+from granphon.figures.scales import name_axis, scale_axis
 
 # isort: split
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from granphon.figures.style import COLOURS
 from granphon.figures.words import MEDIA
+from granphon.observables.catalogue import axis_label
 
 Array = NDArray[np.float64]
 #: dashes of lines that have the same colour, the first solid; none is that of a line outside its range
@@ -32,7 +33,10 @@ _MOST_MARKS = 12
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
 _HOLLOW = {"markerfacecolor": "white"}
+#: sizes of marks: of points, of those that say which medium served, and of those that are reached by a fall of the load
 _SIZE, _SERVING_SIZE, _FALL_SIZE = 3.0, 3.6, 5.0
+#: what points have in a legend, but colour and mark
+POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
 
 
 @dataclass(frozen=True)
@@ -75,12 +79,12 @@ class Curve:
     path: bool = field(default=False)
 
     @classmethod
-    def of_points(cls, run: str, facts: dict[str, str], x: Any, y: Any, error: Any = np.nan, **more: Any) -> Curve:
-        """Make a curve whose points are all valid, drawn as points, from numbers or arrays; sorted by x."""
+    def of_points(cls, run: str, facts: dict[str, str], x: Any, y: Any, error: Any) -> Curve:
+        """Make the curve of measured points from numbers or arrays, sorted by x; errors are nan where there is none."""
         across, along = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
         every = np.ones(across.shape, bool)
         spread = np.broadcast_to(np.asarray(error, float), across.shape)
-        return cls(run, facts, across, along, spread, every, every, **more).sorted()
+        return cls(run, facts, across, along, spread, every, every, measured=True).sorted()
 
     def sorted(self) -> Curve:
         """Return the same curve in order of x; a path keeps its own."""
@@ -173,17 +177,25 @@ def _mark_media(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
                 ax.plot(curve.x[there], curve.y[there], _SERVING.get(name, "o"), gid=f"{gid}-served-{name}", **style)
 
 
+def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
+    """Scale the axes for curves of the quantity ``y`` over ``x``, and name them with their units."""
+    for which, name, unit in zip("xy", (x, y), curves[0].units, strict=True):
+        values = np.concatenate([getattr(curve, which) for curve in curves])
+        scale_axis(ax, which, values)
+        name_axis(ax, which, values, axis_label(name, ""), unit)
+
+
 def make_handle(curve: Curve, look: Look, label: str) -> Line2D:
     """Return the entry of a curve in a legend."""
     if curve.as_points and not curve.served:
-        return Line2D([], [], color=look.colour, marker=look.marker, markersize=_SIZE, linestyle="none", label=label)
+        return Line2D([], [], color=look.colour, marker=look.marker, label=label, **POINTS)
     dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
     return Line2D([], [], color=look.colour, linewidth=min(look.width, 1.6), label=label, **dashes)
 
 
 def make_outside(points: bool) -> Line2D:
     """Return the entry of the legend for loads at which a medium is not valid."""
-    hollow: dict[str, Any] = {"marker": "o", "markersize": _SIZE, "linestyle": "none"} | _HOLLOW
+    hollow: dict[str, Any] = {"marker": "o"} | POINTS | _HOLLOW
     return Line2D([], [], color="0.3", label="outside its range", **(hollow if points else _OUTSIDE))
 
 

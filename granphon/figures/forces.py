@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 # before matplotlib, whose import this module guards
 from granphon.figures.scales import FORCES
@@ -164,7 +164,7 @@ def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -
         place = {"offsets": sites, "offset_transform": ax.transData}
         ax.add_collection(EllipseCollection(widths, widths, 0.0 * widths, units="xy", **style, **place), autolim=False)
     one = min(_MEAN_WIDTH * points, _MOST_POINTS)
-    layer.draw_rest(ax, edges, one)
+    layer.draw_rest(ax)
     chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=len(segments) > _MOST_VECTORS)
     chains.set(linewidths=one * layer.find_widths(forces))
     if forces[-1] > 0.0:
@@ -182,23 +182,91 @@ def _draw_density(layer: _Layer | _Network, ax: Axes) -> QuadMesh:
 
 
 @dataclass(frozen=True)
-class _Layer:
-    """The balls of a sample that are drawn, in a plane, with the contacts between them.
+class _Map:
+    """What is drawn: balls and contacts in a plane, whose lengths are in diameters for a sample, in m for a network.
 
-    ``sites`` (L1, L2, n, 2) are moved by whole periods of a1 into a rectangle of ``size``, whose rows are ``step`` apart. Of
-    each kind of contact ``ends`` are the indices of its balls i and j, ``shifts`` (n_c, 2) the cells between them, ``ways``
-    (n_c, 2) the vectors; ``forces`` (L1, L2, n_c) are over their mean.
+    Attributes
+    ----------
+    places, radii, colours : of the balls (n, 2), (n,), in the order in which they are drawn.
+    sums, counts : (n,) of each ball the sum of the forces of its contacts, and the number of these.
+    edges : the left, lower, right and upper edge of all that is drawn.
+    diameter : the mean diameter of the balls.
+    height : that of a figure, in inches, in which all is 2.9 inches wide.
     """
 
-    sample: Sample
+    places: Array
+    radii: Array
+    colours: Any
+    sums: Array
+    counts: Array
+    edges: tuple[float, ...]
+    diameter: float
+    height: float
+    title: str
+    unit: ClassVar[str]
+
+    @cached_property
+    def lines(self) -> tuple[Array, Array]:
+        """The lines (m, 2, 2) of the contacts, and their forces (m,)."""
+        raise NotImplementedError
+
+    @property
+    def size(self) -> Array:
+        """Lengths of the sides, (2,)."""
+        return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
+
+    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
+        """Return the balls (n, 2) between the edges, their diameters (n,), and their colours."""
+        reach = self.radii[:, None]
+        inside = np.all((self.places + reach > edges[:2]) & (self.places - reach < edges[2:]), axis=1)
+        return self.places[inside], 2.0 * self.radii[inside], self.colours[inside].tolist()
+
+    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return lines (m, 2, 2) and forces (m,), ascending, of contacts near the ``edges``."""
+        low, high = np.array(edges[:2]) - self.diameter, np.array(edges[2:]) + self.diameter
+        lines, forces = self.lines
+        near = np.all((lines > low) & (lines < high), axis=(1, 2))
+        order = np.argsort(forces[near], kind="stable")
+        return lines[near][order], forces[near][order]
+
+    def make_grid(self) -> list[Array]:
+        """Return the edges (m + 1,) and (n + 1,) of the squares over which forces are averaged."""
+        side = max(_LEAST_SQUARE * self.diameter, float(np.max(self.size)) / _MOST_SQUARES)
+        left, bottom, right, top = self.edges
+        counts = np.maximum(1, np.round(self.size / side)).astype(int)
+        return [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
+
+    def make_density(self) -> tuple[Array, Array, Array]:
+        """Return the edges of the squares of :meth:`make_grid`, and the mean force (m, n) in each; nan where no ball is.
+
+        A contact counts half at each of its balls, so that none is lost at an edge of a periodic array.
+        """
+        grid, (x, y) = self.make_grid(), self.places.T
+        total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (self.sums, self.counts))
+        with np.errstate(invalid="ignore"):
+            return grid[0], grid[1], total / count
+
+    def write_sides(self, unit: float) -> str:
+        """Return the sides of the squares of the coarse grid, in a unit of length."""
+        sides = sorted({f"{float(edges[1] - edges[0]) / unit:.2g}" for edges in self.make_grid()})
+        return " x ".join(sides * (3 - len(sides)))
+
+
+@dataclass(frozen=True)
+class _Layer(_Map):
+    """The balls of a sample that are drawn, in a plane, with the contacts between them.
+
+    ``sites`` (L1, L2, n, 2) are moved by whole periods of a1 into a rectangle. Of each kind of contact ``ends`` (n_c, 2) are
+    the numbers of its balls i and j, ``shifts`` (n_c, 2) the cells between them, ``ways`` (n_c, 2) the vectors; ``forces``
+    (L1, L2, n_c) are over their mean.
+    """
+
+    flat: bool
     sites: Array
-    ends: list[tuple[int, int]]
+    ends: list[list[int]]
     shifts: list[list[int]]
     ways: Array
     forces: Array
-    size: Array
-    step: float
-    diameter = 1.0
     unit = "diameters"
 
     @classmethod
@@ -224,33 +292,39 @@ class _Layer:
         sites = flat[:, :, shown] @ plane
         length, step = rows * float(np.linalg.norm(vectors[0])), float(vectors[1] @ axes[1])
         sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
-        pairs = zip(table.i[inside].tolist(), table.j[inside].tolist(), strict=True)
-        steps = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2]
-        ends = [(shown.index(i), shown.index(j)) for i, j in pairs]
-        ways, size = table.normal[inside] @ plane, np.array([length, step * columns])
-        return cls(sample, sites, ends, steps.tolist(), ways, forces, size, step)
+        shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2].tolist()
+        ends = [[shown.index(i), shown.index(j)] for i, j in zip(table.i[inside], table.j[inside], strict=True)]
+        sums, counts = np.zeros(sites.shape[:3]), np.zeros(sites.shape[:3])
+        for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
+            force = forces[..., contact]
+            for total, value in ((sums, force), (counts, np.ones(force.shape))):
+                total[:, :, i] += value
+                total[:, :, j] += np.roll(value, (a, b), (0, 1))
+        places = sites.reshape(-1, 2)
+        bottom = float(np.min(places[:, 1])) - 0.5 * step  # half a row below the lowest, which is not at zero in every cell
+        edges = (-0.25, bottom, length - 0.25, bottom + step * columns)
+        height = 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
+        return cls(
+            places, np.full(len(places), 0.5), np.full(len(places), "none"), sums.ravel(), counts.ravel(), edges, 1.0,
+            height, _write_title(sample), p < 3, sites, ends, shifts, table.normal[inside] @ plane, forces,
+        )  # fmt: skip
 
-    @property
-    def edges(self) -> tuple[float, ...]:
-        """The left, lower, right and upper edge; half a row below the lowest, which is not at zero in every cell."""
-        bottom = float(np.min(self.sites[..., 1])) - 0.5 * self.step
-        return (-0.25, bottom, float(self.size[0]) - 0.25, bottom + float(self.size[1]))
-
-    @property
-    def height(self) -> float:
-        """The height of a figure, in inches, in which the array is 2.9 inches wide."""
-        rows, columns, *_ = (*self.sample.shape, 1)
-        return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
-
-    @property
-    def title(self) -> str:
-        """The title: f* and a* (for equal balls the force, N), and N_c."""
-        return _write_title(self.sample)
+    @cached_property
+    def lines(self) -> tuple[Array, Array]:
+        """The lines of the contacts that carry load: one across an edge of the array has two, one at each of its balls."""
+        lines, values = list[Array](), list[Array]()
+        for contact, ((i, j), (a, b)) in enumerate(zip(self.ends, self.shifts, strict=True)):
+            way, force = self.ways[contact], self.forces[..., contact]
+            own, other = self.sites[:, :, i], np.roll(self.sites[:, :, j], (-a, -b), (0, 1))
+            across = np.linalg.norm(other - own - way, axis=-1) > 0.5
+            for start, there in ((own, force > 0.0), (other - way, (force > 0.0) & across)):
+                lines.append(np.stack([start[there], start[there] + way], axis=1))
+                values.append(force[there])
+        return np.concatenate(lines), np.concatenate(values)
 
     def name_axes(self, ax: Axes) -> None:
         """Label both axes."""
-        flat = len(self.sample.shape) < 3
-        along, across = ("$x/d$", "$y/d$") if flat else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
+        along, across = ("$x/d$", "$y/d$") if self.flat else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
         ax.set(xlabel=along, ylabel=across)
 
     def name_forces(self, ax: Axes, more: str) -> None:
@@ -259,119 +333,57 @@ class _Layer:
 
     def write_square(self) -> str:
         """Return the size of the squares of the coarse grid in words."""
-        return f"{_write_sides(self, 1.0)} $d$"
-
-    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
-        """Return the balls (n, 2) between the edges, their diameters (n,), and their colours."""
-        left, bottom, right, top = edges
-        sites = self.sites.reshape(-1, 2)
-        sites = sites[np.all((sites > [left - 0.5, bottom - 0.5]) & (sites < [right + 0.5, top + 0.5]), axis=1)]
-        return sites, np.ones(len(sites)), "none"
+        return f"{self.write_sides(1.0)} $d$"
 
     def find_widths(self, forces: Array) -> Array:
         """Return the widths of lines (n,), in those of the mean force."""
         return forces
 
-    def draw_rest(self, ax: Axes, edges: tuple[float, ...], one: float) -> None:
+    def draw_rest(self, ax: Axes) -> None:
         """Draw nothing else."""
-
-    def make_density(self) -> tuple[Array, Array, Array]:
-        """Return the edges (m + 1,), (n + 1,) of the squares of a coarse grid, and the mean force (m, n) in each.
-
-        A contact counts half at each of its balls, so that none is lost at an edge of the periodic array.
-        """
-        grid = _make_grid(self)
-        i, j = np.array(self.ends).T
-        mean = [np.zeros(self.sites.shape[:3]) for _ in range(2)]  # sum of the forces at each ball, and number of contacts
-        for contact, ((a, b), (p, q)) in enumerate(zip(self.shifts, zip(i.tolist(), j.tolist(), strict=True), strict=True)):
-            force = self.forces[..., contact]
-            for total, value in zip(mean, (force, np.ones(force.shape)), strict=True):
-                total[:, :, p] += value
-                total[:, :, q] += np.roll(value, (a, b), (0, 1))
-        x, y = np.moveaxis(self.sites, -1, 0).reshape(2, -1)
-        sums, number = (np.histogram2d(x, y, grid, weights=total.ravel())[0] for total in mean)
-        return grid[0], grid[1], sums / np.maximum(number, 1.0)
-
-    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return lines (n, 2, 2) and forces (n,), ascending, of contacts near the ``edges`` that carry load.
-
-        A contact across an edge of the array has two lines, one at each of its balls.
-        """
-        low, high = np.array(edges[:2]) - 1.0, np.array(edges[2:]) + 1.0
-        lines, values = list[Array](), list[Array]()
-        for contact, ((i, j), (a, b)) in enumerate(zip(self.ends, self.shifts, strict=True)):
-            way, force = self.ways[contact], self.forces[..., contact]
-            own, other = self.sites[:, :, i], np.roll(self.sites[:, :, j], (-a, -b), (0, 1))
-            across = np.linalg.norm(other - own - way, axis=-1) > 0.5
-            for start, there in ((own, force > 0.0), (other - way, (force > 0.0) & across)):
-                near = there & np.all((start > low) & (start + way > low) & (start < high) & (start + way < high), axis=-1)
-                lines.append(np.stack([start[near], start[near] + way], axis=1))
-                values.append(force[near])
-        found = np.concatenate(values)
-        order = np.argsort(found, kind="stable")
-        return np.concatenate(lines)[order], found[order]
 
 
 @dataclass(frozen=True)
-class _Network:
-    """What is drawn of a network, seen along z: ``lines`` (n, 2, 2), m, with ``forces`` (n,), N, ascending; and balls."""
+class _Network(_Map):
+    """What is drawn of a network, seen along z."""
 
     network: ContactNetwork
-    lines: Array
-    forces: Array
     unit = "m"
 
     @classmethod
     def of(cls, network: ContactNetwork) -> _Network:
-        places, radii = network.positions, network.radii
-        flat = [np.isinf(radii[end]) for end in (network.i, network.j)]
-        middle = [places[end] + sign * arm[:, None] * network.normal for end, arm, sign in (
-            (network.i, network.arm_i, 1.0), (network.j, network.arm_j, -1.0)
-        )]  # fmt: skip
+        sums, counts = np.zeros(network.n_balls), np.zeros(network.n_balls)
+        for end in (network.i, network.j):
+            np.add.at(sums, end, network.normal_force)
+            np.add.at(counts, end, 1.0)
+        shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
+        shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
+        places, radii = network.positions[shown, :2], network.radii[shown]
+        low, high = np.min(places - radii[:, None], axis=0), np.max(places + radii[:, None], axis=0)
+        diameter = float(2.0 * np.mean(radii))
+        margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
+        width, tall = (high - low + 2.0 * margin).tolist()
+        along = ", seen along $z$" if network.dimension == 3 else ""
+        title = f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}"
+        return cls(
+            places, radii, np.where(network.moving[shown], _BALL, _STILL), sums[shown], counts[shown],
+            (*(low - margin).tolist(), *(high + margin).tolist()), diameter,
+            1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)), title, network,
+        )  # fmt: skip
+
+    @cached_property
+    def lines(self) -> tuple[Array, Array]:
+        """The lines of all contacts: one across the edge of a period, or with a flat wall, ends where its balls touch."""
+        network, places = self.network, self.network.positions
+        flat = [np.isinf(network.radii[end]) for end in (network.i, network.j)]
         apart = np.any(network.shift != 0, axis=1) | flat[0] | flat[1]
-        whole = np.stack([places[network.i], places[network.j]], axis=1)[~apart]
-        parts = [
-            np.stack([places[end], touch], axis=1)[apart & ~wall]
-            for end, touch, wall in zip((network.i, network.j), middle, flat, strict=True)
-        ]
-        force = network.normal_force
-        forces = np.concatenate([force[~apart], *(force[apart & ~wall] for wall in flat)])
-        order = np.argsort(forces, kind="stable")
-        return cls(network, np.concatenate([whole, *parts])[order][..., :2], forces[order])
-
-    @cached_property
-    def round(self) -> NDArray[np.bool_]:
-        """(n,) whether each body is a ball, and not a flat wall."""
-        return np.isfinite(self.network.radii)
-
-    @cached_property
-    def diameter(self) -> float:
-        """The mean diameter of the balls, m."""
-        return float(2.0 * np.mean(self.network.radii[self.round]))
-
-    @cached_property
-    def edges(self) -> tuple[float, ...]:
-        """The left, lower, right and upper edge, m, a little outside the balls."""
-        places, radii = self.network.positions[self.round, :2], self.network.radii[self.round, None]
-        low, high = np.min(places - radii, axis=0), np.max(places + radii, axis=0)
-        margin = max(0.1 * self.diameter, 0.02 * float(np.max(high - low)))
-        return (*(low - margin).tolist(), *(high + margin).tolist())
-
-    @property
-    def size(self) -> Array:
-        """Lengths of the sides, m."""
-        return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
-
-    @property
-    def height(self) -> float:
-        """The height of a figure, in inches, in which the network is 2.9 inches wide."""
-        return 1.3 + float(np.clip(2.75 * self.size[1] / self.size[0], 0.35, 6.0))
-
-    @property
-    def title(self) -> str:
-        """How many balls and contacts there are."""
-        along = ", seen along $z$" if self.network.dimension == 3 else ""
-        return f"{counted(int(np.sum(self.round)), 'ball')}, {counted(self.network.n_contacts, 'contact')}{along}"
+        lines, forces = [np.stack([places[network.i], places[network.j]], axis=1)[~apart]], [network.normal_force[~apart]]
+        ends = (network.i, network.j), (network.arm_i, -network.arm_j), flat
+        for end, arm, wall in zip(*ends, strict=True):
+            touch = places[end] + arm[:, None] * network.normal
+            lines.append(np.stack([places[end], touch], axis=1)[apart & ~wall])
+            forces.append(network.normal_force[apart & ~wall])
+        return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
     def name_axes(self, ax: Axes) -> None:
         """Label both axes with the unit in which their numbers are short."""
@@ -386,29 +398,14 @@ class _Network:
     def write_square(self) -> str:
         """Return the size of the squares of the coarse grid in words."""
         size, name = readable_unit(float(np.max(self.size)), "m")
-        return f"{_write_sides(self, size)} {name}"
-
-    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
-        """Return the balls (n, 2) between the edges, m, their diameters (n,), and their colours; the lowest come first."""
-        places, reach = self.network.positions[:, :2], self.network.radii[:, None]
-        inside = self.round & np.all((places + reach > edges[:2]) & (places - reach < edges[2:]), axis=1)
-        shown = np.flatnonzero(inside)
-        shown = shown[np.argsort(self.network.positions[shown, 2], kind="stable")]
-        moving = self.network.moving[shown]
-        return places[shown], 2.0 * self.network.radii[shown], np.where(moving, _BALL, _STILL).tolist()
-
-    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return lines (n, 2, 2), m, and forces (n,), N, ascending, of contacts near the ``edges``."""
-        low, high = np.array(edges[:2]) - self.diameter, np.array(edges[2:]) + self.diameter
-        near = np.all((self.lines > low) & (self.lines < high), axis=(1, 2))
-        return self.lines[near], self.forces[near]
+        return f"{self.write_sides(size)} {name}"
 
     def find_widths(self, forces: Array) -> Array:
         """Return the widths of lines (n,), in those of the mean force; that of the thinnest is a fifth of it."""
         mean = float(np.mean(self.network.normal_force)) if self.network.n_contacts else 0.0
         return np.clip(forces / mean, 0.2, _WIDEST) if mean > 0.0 else np.full(len(forces), 0.2)
 
-    def draw_rest(self, ax: Axes, edges: tuple[float, ...], one: float) -> None:
+    def draw_rest(self, ax: Axes) -> None:
         """Draw a piece of a flat wall at each contact with it."""
         network = self.network
         ends = ((network.i, network.j, network.arm_j, -1.0), (network.j, network.i, network.arm_i, 1.0))
@@ -423,41 +420,12 @@ class _Network:
             LineCollection(list(np.concatenate(pieces)), colors=_IDLE, linewidths=1.0, gid="walls"), autolim=False
         )
 
-    def make_density(self) -> tuple[Array, Array, Array]:
-        """Return the edges (m + 1,), (n + 1,) of the squares of a coarse grid, and the mean force (m, n), N, in each.
-
-        A contact counts half at each of its balls.
-        """
-        network, grid = self.network, _make_grid(self)
-        sums, number = np.zeros(network.n_balls), np.zeros(network.n_balls)
-        for end in (network.i, network.j):
-            np.add.at(sums, end, network.normal_force)
-            np.add.at(number, end, 1.0)
-        x, y = network.positions[self.round, :2].T
-        total, count = (np.histogram2d(x, y, grid, weights=each[self.round])[0] for each in (sums, number))
-        with np.errstate(invalid="ignore"):
-            return grid[0], grid[1], total / count  # not a number, and so white, where no ball is
-
 
 def _name_unit(axis: Axis, label: str, most: float, unit: str, more: str = "") -> None:
     """Label an axis, whose data are in an SI ``unit``, with the multiple of it that suits the largest number."""
     size, name = readable_unit(most, unit)
     axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
     axis.set_label_text(f"{label} ({name}){more}")
-
-
-def _make_grid(layer: _Layer | _Network) -> list[Array]:
-    """Return the edges (m + 1,) and (n + 1,) of the squares over which forces are averaged."""
-    side = max(_LEAST_SQUARE * layer.diameter, float(np.max(layer.size)) / _MOST_SQUARES)
-    left, bottom, right, top = layer.edges
-    counts = np.maximum(1, np.round(layer.size / side)).astype(int)
-    return [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
-
-
-def _write_sides(layer: _Layer | _Network, unit: float) -> str:
-    """Return the sides of the squares of the coarse grid, in a unit of length."""
-    sides = sorted({f"{float(edges[1] - edges[0]) / unit:.2g}" for edges in _make_grid(layer)})
-    return " x ".join(sides * (3 - len(sides)))
 
 
 def _write_title(sample: Sample) -> str:

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import steps_within
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.spheres import draw_moved_spheres, draw_spheres
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, STYLE, VERMILION, print_hertz
 from granphon.figures.views import View

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from logging.handlers import BufferingHandler
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,8 @@ from granphon.figures.style import LONGITUDINAL_COLOUR, TRANSVERSE_COLOUR, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 
 @contextmanager
@@ -78,6 +80,10 @@ _ROUNDING, _AROUND = 1e-9, 0.05
 #: units that take prefixes on an axis, where the largest value is not between these two numbers
 _PREFIXED, _SMALL, _LARGE = ("m", "N", "N/m", "Pa"), 1e-2, 1e5
 
+#: most letters that the labels of a legend have in so many columns, and height of one of its rows, in inches
+_COLUMNS = {3: 9, 2: 24}
+_ROW_HEIGHT = 0.16
+
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     """Make the ``which`` axis, "x" or "y", logarithmic if all values are above zero.
@@ -129,6 +135,21 @@ def name_axis(ax: Axes, which: str, values: Array, label: str, unit: str) -> Non
         axis.set_major_formatter(lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$")
     else:
         axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
+
+
+def add_legend(figure: Figure, handles: Sequence[Line2D], room: int = 0, title: str | None = None, **options: Any) -> None:
+    """Draw the legend of a figure below its panels, in as many columns as its labels allow.
+
+    The figure grows by the rows beyond those for which it has ``room``, so that a long legend does not take that of the
+    panels.
+    """
+    labels = [str(handle.get_label()) for handle in handles]
+    columns = next((count for count, letters in _COLUMNS.items() if max(map(len, labels)) <= letters), 1)
+    columns = min(columns, len(handles))
+    rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
+    more = max(0, rows - room) * _ROW_HEIGHT
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title, **options)
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:

@@ -23,14 +23,13 @@ from granphon.figures.style import (
     COLOURS,
     COLUMN_WIDTH,
     DPI,
-    FRAME,
     ORANGE,
     PURPLE,
     STYLE,
     VERMILION,
     print_hertz,
 )
-from granphon.figures.zones import print_label
+from granphon.figures.zones import name_corners
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.spectral_functions import SpectralFunction
@@ -91,13 +90,8 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
             label="peak and width", markeredgecolor="black", markeredgewidth=0.3,
         )  # fmt: skip
         dots.set_clip_on(False)  # those at the ends of the path are drawn whole
-    for corner in corners[1:-1]:
-        ax.axvline(float(corner), color=FRAME, linewidth=0.5)
-    ax.set_xticks(corners, [print_label(label) for label in spectra.labels])
-    ax.tick_params(axis="x", length=0)
-    ax.set(
-        xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})", xlim=corners[[0, -1]], ylim=(0.0, top / unit.hertz)
-    )
+    name_corners(ax, corners, spectra.labels)
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     figure: Any = ax.get_figure()
     bar = figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(f"Spectral function, {one.polarisation} (1/{print_hertz(unit)})")

@@ -64,6 +64,12 @@ def read_values(dataset: Dataset, name: str) -> Any:
     return values
 
 
+def pick_evenly(count: int, most: int) -> list[int]:
+    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
+    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+    return chosen
+
+
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
     along = ("direction",) * ("direction" in dataset.dims)
@@ -112,6 +118,7 @@ def read_curve(
         served = tuple(map(str, take(dataset["choice"]).tolist()))
     horizontal = take(across).astype(float)
     simulated = [one.partition("(")[0] == DirectSimulation.name for one in served] or is_simulated(dataset, index)
+    simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
     return Curve(
         run, facts or {}, horizontal, take(along).astype(float), take(error).astype(float), take(dataset["valid"]),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 # before matplotlib, whose import this module guards
-from granphon.figures.scales import scale_axis
+from granphon.figures.scales import add_legend, scale_axis
 
 # isort: split
 import matplotlib
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
-from granphon.figures.sweep_lines import find_load, list_combinations, write_labels
-from granphon.figures.zones import print_label
+from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
+from granphon.figures.sweep_lines import find_load, list_combinations, pick_evenly, write_labels
+from granphon.figures.zones import name_corners
 
 if TYPE_CHECKING:
     from granphon.sweeps.dataset import Dataset
@@ -40,11 +40,6 @@ _RESOLVED = 0.5
 #: part of the greatest density above which a density is drawn
 _LEAST = 1e-6
 
-#: columns of the legend, and the most letters that a label has in so many
-_COLUMNS = {3: 9, 2: 24}
-#: height of a row of the legend, in inches
-_ROW_HEIGHT = 0.16
-
 #: a state that is drawn: its colour, its words in the legend, and its index in each dimension of the sweep
 _State = tuple[Any, str, dict[str, int]]
 
@@ -59,7 +54,7 @@ def _choose_states(dataset: Dataset) -> tuple[list[_State], int]:
             for words, place in list_combinations(dataset):
                 parts = [loads[at]] * (len(loads) > 1) + [medium] * (len(media) > 1) + [words] * bool(words)
                 found.append((", ".join(parts) or loads[at], place | {"medium": m, "load": at}))
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), _MOST)).round().astype(int)).tolist()
+    chosen = pick_evenly(len(found), _MOST)
     shades = colormaps["viridis"](np.linspace(*_SHADES, len(chosen)) if len(chosen) > 1 else [0.3])
     return [(tuple(shade), *found[n]) for shade, n in zip(shades.tolist(), chosen, strict=True)], len(found)
 
@@ -122,12 +117,9 @@ def plot_sweep_dispersion(dataset: Dataset, ax: Axes, polarisation: int = 0) -> 
         style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "elinewidth": 0.8, "color": colour, "zorder": 3}
         dots, *_ = ax.errorbar(along / ends[-1], peak / unit.hertz, bars, **style)
         dots.set_clip_on(False)
-    for corner in corners[1:-1]:
-        ax.axvline(float(corner), color=FRAME, linewidth=0.5)
-    ax.set_xticks(corners, [print_label(str(label)) for label in dataset["labels_of_path"].values])
-    ax.tick_params(axis="x", length=0)
+    name_corners(ax, corners, [str(label) for label in dataset["labels_of_path"].values])
     name = str(dataset["polarisation"].values[polarisation])
-    ax.set(xlabel="Wave vector", ylabel=f"Frequency, {name} ({print_hertz(unit)})", xlim=(0.0, 1.0), ylim=(0.0, None))
+    ax.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
     return ax
 
 
@@ -189,8 +181,4 @@ def _add_legend(figure: Figure, dataset: Dataset) -> None:
     lines = [Line2D([], [], color=colour, label=words) for colour, words, _ in states]
     if count > len(states):
         lines.append(Line2D([], [], linestyle="none", label=f"{len(states)} of {count} are drawn"))
-    longest = max(len(str(line.get_label())) for line in lines)
-    columns = next((count for count, letters in _COLUMNS.items() if longest <= letters), 1)
-    rows = -(-len(lines) // columns)
-    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + _ROW_HEIGHT * (rows - 1))
-    figure.legend(handles=lines, loc="outside lower center", ncols=min(len(lines), columns))
+    add_legend(figure, lines, room=1)

@@ -11,7 +11,7 @@ import itertools
 from typing import TYPE_CHECKING, Any
 
 # before matplotlib, whose import this module guards
-from granphon.figures.scales import name_axis, scale_axis
+from granphon.figures.scales import add_legend, scale_axis
 
 # isort: split
 import matplotlib
@@ -21,28 +21,27 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from granphon.figures.curves import Look, draw_curve, make_outside, make_serving
+from granphon.figures.curves import POINTS, Look, draw_curve, label_axes, make_outside, make_serving
 from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
 from granphon.figures.sweep_lines import (
     drop_directions,
     find_load,
     is_simulated,
     list_combinations,
+    pick_evenly,
     read_curve,
     read_values,
     write_labels,
 )
 from granphon.figures.words import join_facts
-from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.observables.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from granphon.sweeps.dataset import Dataset
 
 
-#: letters of a line of the legend; labels longer than the second number do not stand side by side in a column
-_LETTERS, _LONG_LABEL = 50, 24
-#: rows of a legend for which a figure has room, and height that each further one adds, in inches
-_LEGEND_ROWS, _ROW_HEIGHT = 4, 0.16
+#: letters of a line of the legend, rows of it for which a figure has room, and the most combinations that it names
+_LETTERS, _LEGEND_ROWS, _MOST_NAMED = 50, 4, 8
 #: names that stand nearer than this one above the other, over the height of the axes, are written in one
 _APART = 0.06
 #: the velocity of pulses through simulated arrays
@@ -82,15 +81,14 @@ def plot_sweep(
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
     x = x or find_load(dataset)
-    across, along, lines = read_values(dataset, variable), read_values(dataset, x), _colour_lines(dataset)
+    lines, curves = _colour_lines(dataset), []
     dashes, marker = _SLOW_DASHES if variable == _SLOW else None, _MARKERS.get(variable, "o")
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
-        if index.get("direction") and "direction" not in across.dims:
-            continue  # it is the same in all directions: the line of the first one shows it
-        draw_curve(ax, read_curve(dataset, variable, x, index), Look(colour, width, dashes, marker), variable)
-    for which, values, name in (("x", along, x), ("y", across, variable)):
-        scale_axis(ax, which, np.asarray(values))
-        name_axis(ax, which, np.asarray(values), axis_label(name, ""), dataset[name].attrs.get("units", ""))
+        if not index.get("direction") or "direction" in read_values(dataset, variable).dims:
+            curves.append(read_curve(dataset, variable, x, index))
+            draw_curve(ax, curves[-1], Look(colour, width, dashes, marker), variable)
+        # else it is the same in all directions, and the line of the first one shows it
+    label_axes(ax, curves, x, variable)
     if legend:
         ax.legend(handles=_make_legend(dataset))
     return ax
@@ -124,10 +122,9 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
     values: list[tuple[Any, str]] = []
     if len(words) > 1:
         shades = _make_shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
-        shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
-        values = [(shades[i], words[i]) for i in shown.tolist()]
+        values = [(shades[i], words[i]) for i in pick_evenly(len(words), _MOST_NAMED)]
     simulated = [is_simulated(dataset, {"medium": m}) for m in range(len(media))]
-    point: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": "none"}
+    point: dict[str, Any] = {"marker": "o"} | POINTS
     entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
     entries += [(value, all(simulated)) for value in values]
     lines = [Line2D([], [], color=colour, label=label, **(point if points else {})) for (colour, label), points in entries]
@@ -147,7 +144,7 @@ def _name_transverse(dataset: Dataset) -> list[Line2D]:
     for name, dashes in ((_SLOW, _SLOW_DASHES), ("transverse_fast", None)):
         style: dict[str, Any] = {"linewidth": 1.2} | ({"dashes": dashes} if dashes else {})
         if points:
-            style = {"marker": _MARKERS[name], "markersize": 3.0, "linestyle": "none"}
+            style = {"marker": _MARKERS[name]} | POINTS
         entries.append(Line2D([], [], color="0.3", label=_VELOCITIES[name], **style))
     return entries
 
@@ -162,12 +159,15 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     ax.set_yscale("linear")
     for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
         ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
-        ax.annotate(
-            name, (1.0, value), xycoords=ax.get_yaxis_transform(), xytext=(3, 0), textcoords="offset points", va="center",
-            color="0.4", annotation_clip=False,
-        )  # fmt: skip
+        _write_beside(ax, name, value, color="0.4")
     ax.margins(y=0.16)
     return ax
+
+
+def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
+    """Write a text to the right of the panel, at a value of the y axis."""
+    place: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "xytext": (3, 0), "textcoords": "offset points"}
+    ax.annotate(text, (1.0, value), va="center", annotation_clip=False, **place, **options)
 
 
 def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
@@ -200,18 +200,12 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         if variable is None and _SLOW in velocities:
             handles += _name_transverse(dataset)
         if variable is None and _PULSE in velocities:
-            style: dict[str, Any] = {"marker": _MARKERS[_PULSE], "markersize": 3.0, "linestyle": "none"}
-            handles.append(Line2D([], [], color="0.3", label=_VELOCITIES[_PULSE], **style))
+            label = _VELOCITIES[_PULSE]
+            handles.append(Line2D([], [], color="0.3", marker=_MARKERS[_PULSE], label=label, **POINTS))
         title = _break_lines(media[0]) if len(media) == 1 and handles[0].get_label() != media[0] else None
-        labels = [_break_lines(str(handle.get_label())) for handle in handles]
-        for handle, label in zip(handles, labels, strict=True):
-            handle.set_label(label)
-        columns = 1 if max(map(len, labels)) > _LONG_LABEL else min(2, len(handles))
-        # a long legend does not take the room of the panels
-        rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
-        more = max(0, rows - _LEGEND_ROWS) * _ROW_HEIGHT
-        figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
-        figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title)
+        for handle in handles:
+            handle.set_label(_break_lines(str(handle.get_label())))
+        add_legend(figure, handles, _LEGEND_ROWS, title)
     return figure
 
 
@@ -242,7 +236,4 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str,
             last, together[value] = height, []
         together[max(together)].append(name)
     for value, names in together.items():
-        ax.annotate(
-            ", ".join(names), (1.0, value), xycoords=ax.get_yaxis_transform(), xytext=(3, 0), textcoords="offset points",
-            va="center", annotation_clip=False,
-        )  # fmt: skip
+        _write_beside(ax, ", ".join(names), value)

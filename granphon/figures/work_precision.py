@@ -160,8 +160,7 @@ def tradeoff_figure(result: TradeOff) -> Figure:
 
     A study of which nothing can be measured, as of a lattice that its reference does not know, has no diagram.
     """
-    measurable = [study for study in result.studies if any(point.measurable for point in result.of(study))]
-    studies = measurable or result.studies
+    studies = result.studies
     columns = min(_COLUMNS, len(studies))
     rows = -(-len(studies) // columns)
     with matplotlib.rc_context(STYLE):

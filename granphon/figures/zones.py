@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 from typing import Any
 
 # before matplotlib, whose import this module guards
@@ -17,6 +18,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
+from granphon.figures.style import FRAME
 from granphon.figures.views import HALO, Painter, View
 from granphon.phonons.bands import Bands
 from granphon.phonons.zones import zone_faces, zone_polygon
@@ -45,6 +47,15 @@ def print_label(label: str) -> str:
     """Return the label of a corner as it is printed: Γ for G, and an index as a subscript."""
     parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
     return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
+
+
+def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any) -> None:
+    """Make the x axis that of a path: lines at the corners inside it, and the names of all, whose ``options`` these are."""
+    for corner in corners[1:-1].tolist():
+        ax.axvline(corner, color=FRAME, linewidth=0.5, zorder=0.5)
+    ax.set_xticks(corners, [print_label(label) for label in labels], **options)
+    ax.tick_params(axis="x", length=0)
+    ax.set(xlabel="Wave vector", xlim=corners[[0, -1]])
 
 
 def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:

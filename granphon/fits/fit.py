@@ -155,7 +155,7 @@ class WidthFit(Result):
         # samples in their exact geometry have finite overlap of themselves: nobody has asked for it of other media
         asked = self.waves.finite_overlap and not self.choice.is_exact
         waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(asked))
-        if choice.simulates:
+        if choice.stand_in != choice:
             forces = real_array("force", force)
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
             start = model.find_start(self.packing.width)
@@ -261,12 +261,7 @@ def fit_width(
         choice = MediumChoice("ala")
     asked = require("finite_overlap", truth, finite_overlap)
     waves = Waves(branch, one_direction(along, periods), data.frequency, choice.has_finite_overlap(asked))
-    if choice.is_automatic:
-        what, why = (
-            f"the medium {choice.label!r} cannot be used in a fit",
-            "It chooses another medium at each load and width",
-        )
-        raise InputError(message(what, why, "Name a medium"))
+    choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
     waves = problem.model.waves  # the geometry of samples is settled, and with it whether overlap is finite
@@ -287,7 +282,7 @@ def fit_width(
     if not found.errors_are_known:
         covariance = np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
-    loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.choice.simulates else data.force
+    loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.is_sampled else data.force
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
         fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
@@ -318,6 +313,4 @@ def convert_pressure(
     finite = choice.has_finite_overlap(finite_overlap)
     if not finite:  # in the paper's limit the medium does not matter
         choice = MediumChoice("ala")
-    elif choice.simulates:  # a sample for each datum would take long
-        choice = MediumChoice("ema")
-    return float(choice.of(packing).at_pressure(pressure, finite_overlap=finite).force)
+    return float(choice.stand_in.of(packing).at_pressure(pressure, finite_overlap=finite).force)

@@ -127,7 +127,7 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
 
     For a simulation, the search starts from those of the effective medium.
     """
-    if problem.model.choice.simulates:
+    if problem.model.is_sampled:
         start = find_best(problem.in_medium("ema"))[1]
         return _settle(replace(problem, model=problem.model.settle_geometry(start)), start)
     found = (_descend(problem, start) for start in _find_starts(problem))

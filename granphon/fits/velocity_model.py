@@ -234,6 +234,11 @@ class VelocityModel:
         return replace(self, choice=choice, waves=replace(self.waves, finite_overlap=finite_overlap))
 
     @property
+    def is_sampled(self) -> bool:
+        """Whether velocities follow from a curve through samples at some loads, as one for each datum would take long."""
+        return self.choice.stand_in != self.choice
+
+    @property
     def _scales(self) -> bool:
         """Whether one curve of samples, in reduced units, serves all widths, moduli and diameters."""
         starts_at_load = isinstance(self.choice.settings.get("start"), Load)
@@ -241,7 +246,7 @@ class VelocityModel:
 
     def simulate_at(self, logs: Array) -> VelocityModel:
         """Return the model whose samples are those at ``logs``: itself if they serve there."""
-        if not self.choice.simulates or self._scales:
+        if not self.is_sampled or self._scales:
             return self
         here = self.curve_at
         return self if here is not None and np.max(np.abs(logs - here)) <= _SETTLED else replace(self, curve_at=logs)
@@ -310,7 +315,7 @@ class VelocityModel:
 
     def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:
         """Return a state with the long-wave velocities of the medium under the loads, and their local exponent."""
-        if not self.choice.simulates:
+        if not self.is_sampled:
             state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
             return state, np.asarray(local_exponent(state))
         even = _make_even(packing, self.force, self.waves.finite_overlap)

@@ -1,25 +1,82 @@
 """The contact law of the cluster medium: a cluster of random balls among random balls, in the lattice that they make.
 
-The equations are those of :mod:`granphon.laws.cluster_balance`; the curve is :mod:`granphon.laws.cluster_curve`.
+The equations are those of :mod:`granphon.laws.cluster_balance`. They are solved at some overlaps, and the curve is fitted to
+these by a polynomial and a series.
+
+In reduced units let f = (y + c)^(3/2): c is what the overlap of equal balls would have to be larger by to carry the mean
+force. It is a polynomial in x = 1/(y + b), from x = 2 at the lowest overlap of the curve to where all contacts are closed.
+From there on f is y^(3/2) times a series in 1/y, whose second order is 3/8 <s^2>. Both are fitted to f and to k, so that k,
+its slope and the energy are derivatives and the integral of one function.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.distributions import NormalShape, PointShape, UniformShape
+from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.lattices import Lattice
-from granphon.base.scales import WidthUnits
-from granphon.laws.cluster_curve import ClusterCurve, cluster_curve
-from granphon.laws.solved import CurveLaw
-from granphon.laws.spread import Series
+from granphon.base.errors import PrecisionError
+from granphon.base.results import read_only
+from granphon.base.threads import single_products
+from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
+from granphon.laws.cluster_balance import Balance, ClusterBalance, Effective
+from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
+from granphon.laws.cluster_points import draw_points
+from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, CurveLaw, Series
 
 Array = NDArray[np.float64]
 #: f* from which force and stiffness are within 2.5 % of the simulated array's, on the triangular lattice and in fcc
 VALID_FORCE = 0.03
+#: f* down to which the curve is solved
+LEAST_SOLVED_FORCE = 3e-3
+#: number of overlaps at which the polynomial is fitted
+_NODES = 23
+#: degree of the polynomial: each overlap gives two numbers, force and stiffness
+_DEGREE = 18
+#: weight of a stiffness in the fit, over that of a force: its quadrature error is larger
+_SLOPE_WEIGHT = 0.01
+#: relative error of the force that the polynomial is expected to have by itself
+_FIT = 2e-5
+#: weight of the series where the polynomial joins it
+_JOIN_WEIGHT = 100.0
+#: overlaps at which the series is fitted, over the one where it begins
+_FAR = (6.0, 3.0, 1.8, 1.3, 1.0)
+#: orders of the series that are fitted; those below are known
+_ORDERS = np.arange(3, 10)
+#: least overlap at which the series begins, in widths W
+_FAR_START = 2.0
+#: least overlap at which the series begins, over the largest deviation of a ball
+_FAR_DEVIATIONS = 2.5
+#: number of realisations that find where the curve ends
+_TRIAL = 256
+#: number of realisations of each scramble of the curve, for a cluster of 12 contacts
+_POINTS = 1024
+#: number of scrambles of the curve, for a cluster of 12 contacts
+_SCRAMBLES = 8
+#: relative standard error of the force that the quadrature may leave
+_ERROR = 8e-5
+#: f* below which it may leave more, as 1/f*^3
+_ERROR_FORCE = 0.022
+#: most that it may leave
+_MOST_ERROR = 2.5e-3
+#: part of that which the survey between the overlaps where it is found may add
+_ROUGH_SHARE = 0.45
+#: least part of f^(2/3) that is taken off in a step towards the end of the curve
+_LEAST_SHARE = 0.02
+#: f* up to which the curve may end because the conditions have no solution below
+_MOST_END = 0.02
+#: x at the lowest overlap
+_MOST_X = 2.0
+#: terms of a series at high load
+_TERMS = 16
+#: nodes of the integral of the force
+_GAUSS = 64
 
 
 @dataclass(frozen=True)
@@ -40,6 +97,8 @@ class ClusterLaw(CurveLaw):
     balls: int
     bending: float = 0.0
 
+    _valid_force, _medium = VALID_FORCE, "cluster medium"
+
     @property
     def curve(self) -> ClusterCurve:
         """Reduced law, in units of W and c W^(3/2)."""
@@ -48,14 +107,6 @@ class ClusterLaw(CurveLaw):
     @property
     def _series(self) -> Series:
         return self.curve.far
-
-    @property
-    def _energy_offset(self) -> float:
-        return self.curve.energy_offset
-
-    def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the medium is valid, f* = 0.03, for the ``width`` W, m."""
-        return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
     def quadrature_error(self, overlap: ArrayLike) -> ArrayLike:
         """Return the relative standard error of the force that is left by the quadrature, from its independent scrambles."""
@@ -89,14 +140,281 @@ class ClusterLaw(CurveLaw):
 
         return self._evaluate_joined(overlap, np.ones_like, near)  # type: ignore[no-any-return]
 
-    @property
-    def _below(self) -> tuple[str, str]:
-        """Reason why the curve ends, and advice to the user."""
-        return f"There the cluster medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load"
-
 
 def _interpolate(y: Array, nodes: Array, values: Array) -> Array:
     """Interpolate between the nodes of a curve, without overshooting."""
     from scipy.interpolate import PchipInterpolator
 
     return np.asarray(PchipInterpolator(np.log(nodes - nodes[0] + 0.5), values)(np.log(y - nodes[0] + 0.5)))
+
+
+# -- the curve --------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=16)
+def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: int, bending: float = 0.0) -> ClusterCurve:
+    """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached."""
+    response = cluster_response(lattice, mindlin_ratio, balls, bending)
+    # a realisation of a larger cluster takes more time, and says more
+    share = 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))
+    if share == 1:
+        return solve_cluster(response, shape, _POINTS, _SCRAMBLES)
+    return solve_cluster(response, shape, _POINTS // 2, max(1, _SCRAMBLES // share))
+
+
+@single_products()
+def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambles: int, seed: int = 0) -> ClusterCurve:
+    """Solve the cluster medium with ``points`` realisations in equilibrium, a power of two, in each of ``scrambles`` sets.
+
+    Solutions of seeds that are ``scrambles`` or more apart share no realisation.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
+    """
+    top = max(_FAR_START, _FAR_DEVIATIONS * max(map(abs, shape.bounds)))
+    second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
+    lowest = _find_end(response, shape, top, second)
+    offset = 1.0 / _MOST_X - lowest
+    few = draw_points(response, shape, points, scrambles, seed)
+    balance = ClusterBalance(response, few)
+    far = [balance.solve(y, _guess(second, y)) for y in (top * part for part in _FAR)]
+    near = [far[-1]]
+    # from the top to the lowest overlap, the ends included
+    x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
+    overlaps = 1.0 / x[1:] - offset
+    if lowest < 0.0:
+        overlaps[np.argmin(np.abs(overlaps[:-1]))] = 0.0  # that of touching balls is one of them
+    for y in overlaps.tolist():
+        near.append(balance.step(near[-1], y))
+    return ClusterCurve.fit(far, _refine(near, ClusterDescent(response, shape, few, seed), offset), offset, second)
+
+
+def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
+    """Take the quadrature error off solutions in descending order of y.
+
+    At every other one it is taken off whole. Between them means are those of the cubic polynomial through the nearest four,
+    and what a survey says that they are off it. What is taken off the stiffness is the slope of what is taken off the force.
+    Errors of the whole ones count as independent: they share a few points of their long descents, and few else.
+    """
+    from scipy.interpolate import CubicSpline
+
+    x, forces = np.array([(1.0 / (one.y + offset), one.force) for one in found]).T
+    goals = np.array([_find_goal(force) for force in forces.tolist()])
+    whole = _choose_whole([one.y for one in found])
+    weights = _weigh_neighbours(x, whole)
+    better = [descent.refine(found[i], goals[i], 1 + i) for i in whole.tolist()]
+    first = np.empty((len(found), *better[0].first.shape))
+    first[whole] = [one.first for one in better]
+    rest = np.setdiff1d(np.arange(len(found)), whole)
+    first[rest] = [descent.evaluate_first(found[i]) for i in rest.tolist()]
+    off, variances = _survey(found, descent, first, weights, whole, _ROUGH_SHARE * goals * forces)
+    means = weights @ [one.means for one in better] + off
+    errors = np.sqrt(np.square(weights) @ [one.error**2 for one in better] + variances)
+    slope = CubicSpline(x, means[:, 0] - forces)(x, 1)
+    return [
+        replace(
+            one, force=force, stiffness=one.stiffness - float(at**2 * change), error=float(error / force),
+            fluctuation=float(np.sqrt(max(square / ball**2 - 1.0, 0.0))), contacts=contacts,
+        )
+        for one, at, change, error, (force, ball, square, contacts) in zip(
+            found, x, slope, errors, means.tolist(), strict=True
+        )
+    ]  # fmt: skip
+
+
+def _survey(
+    found: list[Balance], descent: ClusterDescent, first: Array, weights: Array, whole: NDArray[np.intp], bounds: Array
+) -> tuple[Array, Array]:
+    """Return how far the means (n, 4) are off the polynomials through those of the ``whole``, and the variances (n,).
+
+    Both are zero where the solutions are whole themselves. Points are the same everywhere, so that their error is a smooth
+    function of y and hardly matters. How rough it is follows from the scatter between sets of points, of which there are so
+    many that the standard error comes down to the ``bounds``.
+    """
+
+    def find_off(means: Array) -> Array:
+        return np.asarray(means - np.einsum("iw,swm->sim", weights, means[:, whole]))
+
+    middle, long = np.moveaxis(first, 0, 2)
+    wanted = np.ceil(np.square(np.std(find_off(middle)[..., 0], axis=0, ddof=1) / bounds))
+    counts = np.clip(wanted, len(middle), MOST_SETS).astype(int)
+    # a set serves at a place if all solutions of its polynomial have it
+    drawn = counts.copy()
+    drawn[whole] = np.max(np.where(weights != 0.0, counts[:, None], 0), axis=0)
+    begin = find_off(np.concatenate([middle, descent.survey(found, drawn.tolist(), len(middle))]))
+    end = find_off(long - middle)
+    means, variances = np.mean(end, axis=0), np.var(end[..., 0], axis=0, ddof=1) / len(end)
+    for i, count in enumerate(counts.tolist()):
+        means[i] += np.mean(begin[:count, i], axis=0)
+        variances[i] += np.var(begin[:count, i, 0], ddof=1) / count
+    return means, variances
+
+
+def _find_goal(force: float) -> float:
+    """Return the relative standard error that the force is to have: larger below where the medium is valid."""
+    return float(min(_ERROR * max(1.0, _ERROR_FORCE / force) ** 3, _MOST_ERROR))
+
+
+def _guess(second: float, y: float) -> Effective:
+    """Return the effective lattice at high load, to second order in 1/y."""
+    return Effective(y**1.5 * (1.0 + 0.375 * second / y**2), 1.5 * y**0.5 * (1.0 - 0.2 * second / y**2), 0.4 * second / y)
+
+
+def _choose_whole(y: list[float]) -> NDArray[np.intp]:
+    """Return every other place from that of the last y above zero on, either way, and both ends."""
+    places, touching = np.arange(len(y)), sum(one >= 0.0 for one in y) - 1
+    return np.flatnonzero(((places - touching) % 2 == 0) | (places == 0) | (places == len(y) - 1))
+
+
+def _weigh_neighbours(x: Array, whole: NDArray[np.intp]) -> Array:
+    """Return the weights (n, whole) that values at x[whole] have at x in the cubic polynomials through the nearest four."""
+    from scipy.interpolate import krogh_interpolate
+
+    weights = np.zeros((len(x), len(whole)))
+    for i, at in enumerate(x):
+        near = slice(first := int(np.clip(np.searchsorted(whole, i) - 2, 0, len(whole) - 4)), first + 4)
+        weights[i, near] = krogh_interpolate(x[whole[near]], np.eye(4), at)
+    weights[whole] = np.eye(len(whole))
+    return weights
+
+
+def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float) -> float:
+    """Find the overlap at which f* falls to the least that is solved, from few realisations."""
+    balance = ClusterBalance(response, draw_points(response, shape, _TRIAL, 1))
+    now, least, share = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 0.5
+    while now.force > 1.001 * LEAST_SOLVED_FORCE:
+        # f^(2/3) is nearly linear in y; a step takes off no more than half of it
+        root = now.force ** (2.0 / 3.0)
+        slope = root * now.stiffness / (1.5 * now.force)
+        trial = deepcopy(balance)
+        try:
+            now = trial.step(now, now.y - min(share * root, root - least) / slope)
+            balance = trial
+        except PrecisionError:
+            share *= 0.5
+            if share > _LEAST_SHARE:
+                continue
+            if now.force > _MOST_END:
+                raise
+            break
+    return now.y
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterCurve:
+    """Solution of the cluster medium, as f* over y from ``start`` on.
+
+    ``offset`` is b, ``coefficients`` are those of c as a Chebyshev series over the range of x, and ``far`` is the series at
+    high load. ``nodes`` (n,) are the overlaps at which it was solved, ascending, with the ``errors`` of f*, the relative
+    standard errors of the quadrature with what the polynomial is off, ``fluctuations`` and ``contacts`` there.
+    """
+
+    offset: float
+    coefficients: Array
+    far: Series
+    nodes: Array
+    errors: Array
+    fluctuations: Array
+    contacts: Array
+
+    @classmethod
+    def fit(cls, high: list[Balance], low: list[Balance], offset: float, second: float) -> ClusterCurve:
+        """Fit the series to solutions at high load, and the polynomial to those below, in descending order of y."""
+        far = _fit_series(high, second)
+        y = np.array([one.y for one in low])
+        force, k = np.array([(one.force, one.stiffness) for one in low]).T
+        root = np.cbrt(force)
+        basis, slopes, bends = _make_basis(y, far.start, offset)
+        # forces that are known well weigh more; by the root only, so that others still hold the curve at low load
+        errors = np.array([one.error for one in low])
+        weight, steep = np.sqrt(_FIT / np.hypot(_FIT, errors)) / root**2, _SLOPE_WEIGHT * root / k
+        # c = f^(2/3) - y, and at the top its value and first two derivatives are those of the series
+        f0, f1, f2 = (far.value(far.start, order) for order in (FORCE, STIFFNESS, SLOPE))
+        joins = [
+            np.cbrt(f0) ** 2 - far.start, 2.0 / 3.0 * f1 / np.cbrt(f0) - 1.0,
+            2.0 / 3.0 * (f2 - f1**2 / (3.0 * f0)) / np.cbrt(f0),
+        ]  # fmt: skip
+        rows = [weight[:, None] * basis, steep[:, None] * slopes, _JOIN_WEIGHT * np.stack([basis[0], slopes[0], bends[0]])]
+        goal = [weight * (root**2 - y), steep * (2.0 / 3.0 * k / root - 1.0), _JOIN_WEIGHT * np.array(joins)]
+        coefficients = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
+        # what the polynomial is off, relative to f, is an error of the law as well
+        off = 1.5 * (basis @ coefficients - (root**2 - y)) / root**2
+        errors = np.hypot(errors, off)
+        tables = (y, errors, *([getattr(one, name) for one in low] for name in ("fluctuation", "contacts")))
+        return cls(offset, read_only(coefficients), far, *(read_only(np.array(table)[::-1]) for table in tables))
+
+    @cached_property
+    def start(self) -> float:
+        """Reduced overlap at the start of the curve."""
+        return float(self.nodes[0])
+
+    @cached_property
+    def least_force(self) -> float:
+        """Reduced force at the start of the curve."""
+        return float(self.value(np.array(self.start), FORCE))
+
+    @cached_property
+    def energy_offset(self) -> float:
+        """Reduced energy of the curve minus that of the series, at the overlap where they meet."""
+        return float(self.value(np.array(self.far.start), ENERGY)) - self.far.value(self.far.start, ENERGY)
+
+    def value(self, y: Array, order: int) -> Array:
+        """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
+        if order == ENERGY:
+            nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
+            # over the logarithm of y + b
+            low, high = np.log(self.start + self.offset), np.log(y + self.offset)[..., None]
+            depth = np.exp(low + 0.5 * (high - low) * (1.0 + nodes))
+            part = weights * depth * self.value(depth - self.offset, FORCE)
+            return np.asarray(np.sum(0.5 * (high - low) * part, axis=-1))
+        overlap, slope, bend = self._find_equal_overlap(y)
+        root = np.sqrt(overlap)
+        if order == FORCE:
+            return np.asarray(overlap * root)
+        if order == STIFFNESS:
+            return np.asarray(1.5 * root * slope)
+        return np.asarray(0.75 * slope**2 / root + 1.5 * root * bend)
+
+    def _find_equal_overlap(self, y: Array) -> tuple[Array, Array, Array]:
+        """Return the overlap y + c of equal balls with the same force, and its first two derivatives with y."""
+        c, slope, bend = (table @ self.coefficients for table in _make_basis(y, self.far.start, self.offset))
+        return np.asarray(y + c), np.asarray(1.0 + slope), np.asarray(bend)
+
+    def overlap(self, force: Array) -> Array:
+        """Return y at forces on the curve, by Newton's method for y + c, which is nearly linear."""
+        wanted = np.asarray(np.cbrt(force) ** 2)
+        table = np.linspace(self.start, self.far.start, 256)
+        y = np.interp(wanted, self._find_equal_overlap(table)[0], table)
+        for _ in range(20):
+            found, slope, _ = self._find_equal_overlap(y)
+            change = (wanted - found) / slope
+            y = np.clip(y + change, self.start, self.far.start)
+            if np.all(np.abs(change) <= 1e-15 * (1.0 + np.abs(y))):
+                break
+        return np.asarray(y)
+
+
+def _make_basis(y: Array, top: float, offset: float) -> tuple[Array, Array, Array]:
+    """Return the Chebyshev polynomials of x at y, and their first two derivatives with y, (..., degree + 1)."""
+    x, least = 1.0 / (y + offset), 1.0 / (top + offset)
+    scale = 2.0 / (_MOST_X - least)
+    t = scale * (x - least) - 1.0
+    value, first, second = (
+        scale**n * np.moveaxis(chebyshev.chebval(t, chebyshev.chebder(np.eye(_DEGREE + 1), n)), 0, -1) for n in range(3)
+    )
+    x = np.asarray(x)[..., None]
+    return np.asarray(value), np.asarray(-(x**2) * first), np.asarray(x**4 * second + 2.0 * x**3 * first)
+
+
+def _fit_series(found: list[Balance], second: float) -> Series:
+    """Fit the orders from the third on of f/y^(3/2) as a series in 1/y."""
+    y = np.array([one.y for one in found])[:, None]
+    force, k = np.array([(one.force, one.stiffness) for one in found]).T
+    start = float(y[-1, 0])
+    # relative to equal balls, and over the second order
+    known = 0.375 * second / y[:, 0] ** 2
+    rows = np.concatenate([(start / y) ** _ORDERS, (1.0 - _ORDERS / 1.5) * (start / y) ** _ORDERS])
+    goal = [force / y[:, 0] ** 1.5 - 1.0 - known, k / (1.5 * y[:, 0] ** 0.5) - 1.0 + known / 3.0]
+    mean = np.zeros(_TERMS)
+    mean[0], mean[2] = 1.0, 0.375 * second / start**2
+    mean[_ORDERS] = np.linalg.lstsq(rows, np.concatenate(goal), rcond=None)[0]
+    return Series(read_only(mean), start, start, np.zeros((_TERMS, 1)), np.ones(1))

@@ -34,20 +34,30 @@ from granphon.laws.cluster_points import ClusterPoints, PointSource
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-#: steps of a short descent, of one of a survey, and of a long one
-_SHORT, _MIDDLE, _LONG = 15, 25, 50
+#: number of steps of a short descent; its overlaps are within 1e-2 of the rms of the equilibrium's
+_SHORT = 15
+#: number of steps of a descent of a survey
+_MIDDLE = 25
+#: number of steps of a long descent; its overlaps are within 1e-4 of the rms of the equilibrium's
+_LONG = 50
 #: part of the last step that is added to the next one
 _MOMENTUM = 0.7
 #: overlaps above the mean, over their rms, of the contacts whose stiffness is that of a step
 _STIFF = 0.25
 #: numbers that are worked on at a time
 _AT_ONCE = 2**15
-#: points of a set: at first, and where many are needed
-_LEAST_SET, _MOST_SET = 2**11, 2**14
+#: least number of points of a set
+_LEAST_SET = 2**11
+#: most points of a set, where many sets are needed
+_MOST_SET = 2**14
 #: contacts of all points of a set that is the same for all solutions
 _FIRST = 2**18
-#: least number of sets of a level, number that is aimed at, and most
-_LEAST_SETS, _AIM_SETS, MOST_SETS = 16, 64, 512
+#: least number of sets of a level
+_LEAST_SETS = 16
+#: number of sets that is aimed at: as many as leave a good estimate of their scatter
+_AIM_SETS = 64
+#: most sets of a level
+MOST_SETS = 512
 #: part of the sets that are still to be drawn by an estimate, of which some are drawn before the next estimate
 _NEXT = 0.9
 #: where a realisation has what the conditions miss

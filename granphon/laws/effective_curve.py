@@ -26,13 +26,11 @@ Array = NDArray[np.float64]
 Index = int | NDArray[np.intp]
 #: f* down to which the curve is solved, far below the paper's limit of validity
 LEAST_SOLVED_FORCE = 1e-6
-#: f* from which Section IV states that the medium is valid
+#: f* from which Section IV states that the medium is valid, by comparison with simulations of the triangular lattice
 VALID_FORCE = 0.08
 #: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap of the first contact: wherever the
 #: law stiffens the ratio is one or more
 VANISHED = 1e-7
-#: number of coefficients, on each step, of the overlap as a function of the force
-_INVERSE_TERMS = 16
 #: number of values worked on at once where the coefficients of its step are copied for each value
 _VALUES_AT_ONCE = 2**13
 #: number of values per step from which values are sorted by step
@@ -105,12 +103,12 @@ class EffectiveCurve:
         return self._evaluate_by_step(np.searchsorted(self._edges[0], y), y, of)
 
     def overlap(self, force: Array) -> Array:
-        """Return y at forces between those at the ends of the curve: a series for u, refined by Newton's method."""
+        """Return y at forces between those at the ends of the curve, by Newton's method."""
 
         def of(index: Index, part: Array) -> Array:
             origin, middle, half = self.places[:, index]
-            t = chebyshev.chebval(2.0 * self._find_smooth_variable(index, part) - 1.0, self._inverse[:, index], tensor=False)
-            return np.asarray(origin + self._descend(index, middle + half * t, part) ** 2)
+            start = middle + half * (2.0 * self._find_smooth_variable(index, part) - 1.0)
+            return np.asarray(origin + self._descend(index, start, part) ** 2)
 
         return self._evaluate_by_step(np.searchsorted(self._edges[1], force), force, of)
 
@@ -151,22 +149,6 @@ class EffectiveCurve:
         whole, divided = (chebyshev.chebval(t, table[:, index], tensor=False) for table in self._slopes)
         rise = 2.0 * half * root
         return np.asarray(whole + np.divide(divided, rise, out=np.zeros_like(rise), where=divided != 0.0))
-
-    @cached_property
-    def _inverse(self) -> Array:
-        """(n, steps) Chebyshev coefficients of t as a function of 2 w - 1; w is found by :meth:`_find_smooth_variable`."""
-        nodes, steps = chebyshev.chebpts1(_INVERSE_TERMS), self.places.shape[1]
-        w = np.broadcast_to(0.5 + 0.5 * nodes[:, None], (_INVERSE_TERMS, steps))
-        low, span = self._forces
-        force = low + np.where(self._touching, span * w * w, low * np.expm1(w * np.log1p(span / low)))
-
-        def of(index: Index, part: Array) -> Array:
-            _, middle, half = self.places[:, index]
-            start = middle + half * (2.0 * self._find_smooth_variable(index, part) - 1.0)
-            return np.asarray((self._descend(index, start, part) - middle) / half)
-
-        t = self._evaluate_by_step(np.broadcast_to(np.arange(steps), w.shape), force, of)
-        return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _INVERSE_TERMS - 1), t), float)
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:

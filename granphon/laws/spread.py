@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -279,6 +279,68 @@ class SpreadLaw(ABC):
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
             return self._evaluate_parts(y, y >= self._series.start, *parts)
+
+
+# -- laws that are solved as a curve ---------------------------------------------------------------------------------
+
+
+class _Curve(Protocol):
+    """A reduced law f*(y) from the overlap ``start``, of the force ``least_force``, on."""
+
+    @property
+    def start(self) -> float: ...
+
+    @property
+    def least_force(self) -> float: ...
+
+    @property
+    def energy_offset(self) -> float: ...
+
+    def value(self, y: Array, order: int) -> Any: ...
+
+    def overlap(self, force: Array) -> Any: ...
+
+
+class CurveLaw(SpreadLaw):
+    """A law of balls that differ whose reduced law is a curve; below its least force it is a :class:`PrecisionError`."""
+
+    @property
+    @abstractmethod
+    def curve(self) -> _Curve:
+        """Reduced law, in units of W and c W^(3/2)."""
+
+    #: f* from which the medium is valid, and what messages call it
+    _valid_force: float
+    _medium: str
+
+    def least_valid_force(self, width: float) -> float:
+        """Return the force, N, from which the medium is valid, for the ``width`` W, m."""
+        return self._valid_force * WidthUnits(self.coefficient, width).force
+
+    @property
+    def _energy_offset(self) -> float:
+        return self.curve.energy_offset
+
+    def _refuse(self, what: str) -> PrecisionError:
+        """Return the error that ``what`` is below the curve."""
+        why = f"There the {self._medium} is not solved (it is valid from f* = {self._valid_force:g})"
+        return PrecisionError(message(what, why, "Raise the load"))
+
+    def _evaluate_near(self, y: Array, order: int) -> Array:
+        closed, curve = y > -self.shape.bounds[1], self.curve
+        if np.any(closed & (y < curve.start)):
+            what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
+            raise self._refuse(what)
+        out = np.zeros(y.shape)
+        out[closed] = curve.value(y[closed], order)
+        return out
+
+    def _find_near_overlap(self, force: Array) -> Array:
+        curve = self.curve
+        if np.any(force < curve.least_force):
+            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
+            raise self._refuse(what)
+        return np.asarray(curve.overlap(force))
 
 
 # -- the averaged force ---------------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ faces and its own diagonal (in hcp in the layers, across them and between).
 On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
 
 On the triangular lattice and in fcc ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against
-another truth (:class:`ReferenceModel`): arrays that were loaded with friction. Without a history their simulation is a
-medium like the others, and its error is what friction in the statics does.
+another truth: arrays that were loaded with friction (:class:`~granphon.media.friction_history.FrictionHistory`). Without a
+history their simulation is a medium like the others, and its error is what friction in the statics does.
 """
 
 from __future__ import annotations
@@ -25,24 +25,21 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
 from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import require
 from granphon.media.equilibria import reduce_load
-from granphon.media.loading import read_history_options, refuse_without_history
+from granphon.media.friction_history import REST, FrictionHistory
 
 Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
@@ -52,76 +49,6 @@ DEVIATIONS = 2.5
 FRICTIONLESS = "frictionless"
 #: schema number of the file
 _SCHEMA = 3
-
-
-@dataclass(frozen=True)
-class ReferenceModel:
-    """The simulated arrays that errors are relative to: at rest without friction, or loaded with friction.
-
-    Attributes
-    ----------
-    friction_coefficient : mu of a loading from rest without friction at a* = 1/2; None for arrays at rest without friction.
-    shear_response : "slide", "stick" or "partial_slip": how contacts of arrays that are loaded with friction resist sound.
-    """
-
-    friction_coefficient: float | None = None
-    shear_response: str = SHEAR_RESPONSES[0]
-
-    @classmethod
-    def of(cls, options: Mapping[str, Any]) -> Self:
-        """Return the arrays that ``options`` of a medium name: loaded with friction if they have its coefficient.
-
-        Numbers are without a unit.
-        """
-        return cls(options.get("friction_coefficient"), options.get("shear_response", cls.shear_response))
-
-    @property
-    def is_loaded(self) -> bool:
-        """Whether the arrays were loaded with friction."""
-        return self.friction_coefficient is not None
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The options of the simulations that are samples of this truth, besides their number and shape."""
-        if not self.is_loaded:
-            return {}
-        given = {"friction_coefficient": self.friction_coefficient, "shear_response": self.shear_response}
-        return {"friction_history": True, **given}
-
-    @property
-    def _error_power(self) -> float:
-        """Power of the spread over the overlap with which errors fall at high loads.
-
-        It is two; one with partial slip, where contacts are softer by |T|/(3 mu f), of the first order in that.
-        """
-        return 1.0 if self.is_loaded and self.shear_response == "partial_slip" else 2.0
-
-    @property
-    def told(self) -> str:
-        """How the arrays came to their load, in words."""
-        if self.friction_coefficient is None:
-            return "at rest without friction"
-        return f"loaded with friction, mu = {self.friction_coefficient:g}, shear_response {self.shear_response}"
-
-    def __str__(self) -> str:
-        return f"arrays {self.told}"
-
-
-def read_truth(what: str, friction_history: Any, friction_coefficient: Any, shear_response: Any) -> ReferenceModel:
-    """Return the truth that the options of ``what`` name, which are those of a :class:`~granphon.DirectSimulation`.
-
-    Raises :class:`~granphon.base.errors.InputError` for an option out of range, a history without a friction coefficient,
-    and options of a history without one.
-    """
-    given = read_history_options({
-        "friction_history": friction_history, "friction_coefficient": friction_coefficient, "shear_response": shear_response,
-    })  # fmt: skip
-    require(what, refuse_without_history, given)
-    return ReferenceModel(given["friction_coefficient"], given["shear_response"])
-
-
-#: the truth if no other is named
-REST = ReferenceModel()
 
 
 def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
@@ -147,12 +74,12 @@ class Accuracy:
         parts: Mapping[str, Any] = self.data["lattices"]
         return parts
 
-    def _of(self, structure: Lattice, truth: ReferenceModel) -> Mapping[str, Any] | None:
+    def _of(self, structure: Lattice, truth: FrictionHistory) -> Mapping[str, Any] | None:
         """Return the part of a lattice, or None."""
         parts: Mapping[str, Any] = self.data["loaded"] if truth.is_loaded else self._parts
         return parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
 
-    def explain_uncovered(self, packing: Packing, truth: ReferenceModel = REST) -> str | None:
+    def explain_uncovered(self, packing: Packing, truth: FrictionHistory = REST) -> str | None:
         """Return the reason why the table does not cover a packing, or a truth; None if it does."""
         if not packing.spread_matters:
             return None
@@ -173,11 +100,11 @@ class Accuracy:
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
         return _explain_uncovered_truth(part, packing.mindlin_ratio, truth)
 
-    def ratio(self, packing: Packing, truth: ReferenceModel = REST) -> float:
+    def ratio(self, packing: Packing, truth: FrictionHistory = REST) -> float:
         """Return W/d of the arrays that the errors of a packing were measured of; zero in the directions of the lattice."""
         return float((self._of(packing.structure, truth) or {}).get("ratio", 0.0))
 
-    def least(self, packing: Packing, kind: str, truth: ReferenceModel = REST) -> float:
+    def least(self, packing: Packing, kind: str, truth: FrictionHistory = REST) -> float:
         """Return the least load from which errors are known: a* for the kind "overlap", f* for the others.
 
         It is zero where every medium is exact. The packing must be one that the table covers.
@@ -185,7 +112,7 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
 
-    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: ReferenceModel = REST) -> Array:
+    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: FrictionHistory = REST) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
         ``medium`` is one of :meth:`media`, of which the simulation is one of the ``truth`` itself; or, of arrays loaded with
@@ -204,18 +131,19 @@ class Accuracy:
         loads, rows = np.array(part["loads"][table]), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
         beside = [np.array(errors[family][table][medium])[rows] for errors in _select_errors(part, truth)]
         largest = np.concatenate(beside).max(axis=0)
+        power = 1.0 if truth.is_loaded and truth.shear_response == "partial_slip" else 2.0
         place = np.maximum(reduce_load(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(loads), np.log(largest)))
             # the overlap over that at the greatest load of the table, by the law of equal balls
             further = (place / loads[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (loads[-1] - 0.5)
-            found = np.where(place > loads[-1], largest[-1] / np.maximum(further, 1.0) ** truth._error_power, found)
+            found = np.where(place > loads[-1], largest[-1] / np.maximum(further, 1.0) ** power, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= loads[0], found, np.inf))
 
 
-def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: ReferenceModel) -> str | None:
+def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: FrictionHistory) -> str | None:
     """Return the reason why the part of a lattice does not cover arrays loaded with friction; None if it does."""
     mu = truth.friction_coefficient
     if mu is None:
@@ -236,7 +164,7 @@ def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: Referen
     return None
 
 
-def _select_errors(part: Mapping[str, Any], truth: ReferenceModel) -> list[Mapping[str, Any]]:
+def _select_errors(part: Mapping[str, Any], truth: FrictionHistory) -> list[Mapping[str, Any]]:
     """Return the errors of the part of a lattice against a truth; those of both neighbours of its friction coefficient."""
     if truth.friction_coefficient is None:
         return [part["errors"]]

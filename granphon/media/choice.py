@@ -3,45 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.history import START_SPACING
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
+from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
-from granphon.media.accuracy import REST, ReferenceModel, read_truth
+from granphon.media.candidates import expected_error, list_candidates, require_known, require_within, rough_time
 from granphon.media.cluster import ClusterMedium
-from granphon.media.ladder import expected_error, list_rungs, require_known, require_within
+from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
 from granphon.media.left_out import EXACT, LATTICE
-from granphon.media.loading import HISTORY_OPTIONS, read_start, refuse_without_history
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import MediumBase, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
-from granphon.media.sizes_and_times import MOMENT, rough_time, solving_time
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
 
 
-def _read_of_truth(attribute: str, kind: Any, meaning: str) -> Any:
-    """Return the property of an :class:`AutoMedium` that reads an attribute of its truth, which alone holds the value."""
-
-    def find(medium: AutoMedium) -> Any:
-        return getattr(medium.truth, attribute)
-
-    find.__annotations__["return"] = kind  # for the page of the interface
-    return property(find, doc=meaning)
-
-
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class AutoMedium(MediumBase[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
@@ -50,7 +38,7 @@ class AutoMedium(MediumBase[ContactState]):
     the default start; what the directions of the lattice leave out at the W/d of the packing is added. A simulation has one
     sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube of 96 diameters in
     fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate enough at all of
-    these loads; :meth:`rungs` chooses for each load.
+    these loads; :meth:`choose` chooses for each load.
 
     Parameters
     ----------
@@ -64,7 +52,7 @@ class AutoMedium(MediumBase[ContactState]):
     Raises
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction coefficient, or the reverse.
-        From ``at_*`` and :meth:`rungs`: a load at which no medium is within the tolerance (the message gives the smallest
+        From ``at_*`` and :meth:`choose`: a load at which no medium is within the tolerance (the message gives the smallest
         error available); a load below those for which errors are known; a packing for which errors are not known, as on
         another lattice than these (on a line every medium is exact), with torsion or bending, or with too skewed a
         distribution; with a history on another lattice than the triangular one and fcc, for partial slip in fcc, for
@@ -76,29 +64,29 @@ class AutoMedium(MediumBase[ContactState]):
 
     packing: Packing
     tolerance: float = 1e-3
-    friction_history: bool = _read_of_truth("is_loaded", bool, "Whether the truth is arrays loaded with friction.")
-    friction_coefficient: float | None = _read_of_truth(
-        "friction_coefficient", float | None, "Mu of the truth, without a unit; None of arrays at rest without friction."
-    )
-    shear_response: str = _read_of_truth("shear_response", str, "How contacts of the truth resist sound.")
-    #: the simulated arrays that expected errors are relative to
-    truth: ReferenceModel = field(init=False, repr=False, compare=False)
+    friction_history: bool = False
+    friction_coefficient: float | None = REST.friction_coefficient
+    shear_response: str = REST.shear_response
 
     options = {
         "tolerance": Option(tolerance, partial(number, low=1e-12, high=0.99)),
-        **{name: HISTORY_OPTIONS[name] for name in ("friction_history", "friction_coefficient", "shear_response")},
+        **{name: HISTORY_OPTIONS[name] for name in REFERENCE_OPTIONS},
     }
 
-    def __init__(
-        self, packing: Packing, tolerance: float = 1e-3, friction_history: bool = False,
-        friction_coefficient: float | None = None, shear_response: str = REST.shear_response,
-    ) -> None:  # fmt: skip
-        object.__setattr__(self, "packing", given_packing(packing))
-        object.__setattr__(self, "tolerance", require("tolerance", self.options["tolerance"].rule, tolerance))
-        truth = read_truth("AutoMedium", friction_history, friction_coefficient, shear_response)
-        object.__setattr__(self, "truth", truth)
+    def __post_init__(self) -> None:
+        given_packing(self.packing)
+        tolerance = require("tolerance", self.options["tolerance"].rule, self.tolerance)
+        options = {name: self.truth.options[name] for name in REFERENCE_OPTIONS}
+        for name, value in {"tolerance": tolerance, **options}.items():
+            object.__setattr__(self, name, value)
 
-    def rungs(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
+    @cached_property
+    def truth(self) -> FrictionHistory:
+        """The simulated arrays that expected errors are relative to."""
+        given = {name: getattr(self, name) for name in REFERENCE_OPTIONS}
+        return require("AutoMedium", FrictionHistory.read, given)  # type: ignore[no-any-return]
+
+    def choose(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
 
         Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first.
@@ -108,7 +96,7 @@ class AutoMedium(MediumBase[ContactState]):
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            ServingMedium(option, place, self.packing, load[place], chosen=True, truth=self.truth)
+            ServingMedium(option, place, self.packing, load[place], chosen_automatically=True, truth=self.truth)
             for option, place in zip(options, places, strict=True)
             if place.size
         ]
@@ -140,7 +128,7 @@ class AutoMedium(MediumBase[ContactState]):
             raise no_finite_overlap(self.name)
         load = load.applied
         serving = self.serving(load.kind, load.array).of(self.packing)
-        return replace(serving.at(load, finite_overlap=finite_overlap), chosen=True)
+        return replace(serving.at(load, finite_overlap=finite_overlap), chosen_automatically=True)
 
 
 _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
@@ -184,13 +172,13 @@ class MediumChoice:
         return found
 
     def on(self, lattice: Lattice) -> MediumChoice:
-        """Return the same choice for a lattice, on which a shape and a start at their defaults are left out, as others are.
+        """Return the same choice for a lattice, on which a shape at its default is left out, as other options are.
 
         Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
         """
         options = read_inside(self.name, partial(_read_options, self.name, lattice=lattice), dict(self.options))
-        defaults = ("shape", DEFAULT_SHAPES[lattice.periods]), ("start", START_SPACING)
-        return MediumChoice(self.name, tuple(one for one in options.items() if one not in defaults))
+        default = "shape", DEFAULT_SHAPES[lattice.periods]
+        return MediumChoice(self.name, tuple(one for one in options.items() if one != default))
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
@@ -200,13 +188,10 @@ class MediumChoice:
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if not self.truth.is_loaded:
+        if not self.history.is_loaded:
             found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
-        start = found.get("start", 0.0)
-        if isinstance(start, Load):
+        if isinstance(start := found.get("start"), Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
-        elif start is None:
-            found["start"] = START_SPACING
         return {name: value for name, value in found.items() if value is not None}
 
     @property
@@ -221,14 +206,14 @@ class MediumChoice:
         return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
 
     @property
-    def truth(self) -> ReferenceModel:
-        """The simulated arrays that it names: loaded with friction if it has a history, otherwise at rest without."""
-        return ReferenceModel.of(self.settings)
+    def history(self) -> FrictionHistory:
+        """How the simulated arrays that it names come to their load: with friction if it has a history, else at rest."""
+        return FrictionHistory.read(dict(self.options))
 
-    def expected_error(self, packing: Packing, load: Load, against: ReferenceModel = REST) -> Array:
+    def expected_error(self, packing: Packing, load: Load, against: FrictionHistory = REST) -> Array:
         """Return the expected relative error of velocities and frequencies, with the shape of the load.
 
-        It is +inf where the error is not known; see :func:`~granphon.media.ladder.expected_error`.
+        It is +inf where the error is not known; see :func:`~granphon.media.candidates.expected_error`.
         """
         return expected_error(self.name, dict(self.options), packing, load, against)
 
@@ -244,7 +229,7 @@ class MediumChoice:
         That is so by name, or after a history of friction; otherwise the geometry is left to the load (:meth:`by_geometry`).
         """
         named = dict(self.options).get("geometry")
-        return named == EXACT or (named is None and self.simulates and self.truth.is_loaded)
+        return named == EXACT or (named is None and self.simulates and self.history.is_loaded)
 
     def has_finite_overlap(self, asked: bool) -> bool:
         """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
@@ -266,23 +251,29 @@ class MediumChoice:
         return next((one for one, _ in found if one.is_exact), found[0][0])
 
     @property
-    def is_automatic(self) -> bool:
-        """Whether it is an :class:`AutoMedium`, which leaves the choice to the load."""
-        return self.name == AutoMedium.name
+    def stand_in(self) -> MediumChoice:
+        """The medium that stands in for it where so many states are needed that its own would take long; itself if quick."""
+        return MediumChoice(EffectiveMedium.name) if self.simulates else self
+
+    def require_fixed(self, what: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which ``what`` cannot be done."""
+        if self.name == AutoMedium.name:
+            why = "It chooses another medium at each load and width"
+            raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
 
     def of(self, packing: Packing) -> _AnyMedium:
         """Return the medium for this packing."""
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
 
-    def rungs(self, packing: Packing, load: Load) -> list[ServingMedium]:
+    def choose(self, packing: Packing, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
         """
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
-            return medium.rungs(load.kind, load.array)
+            return medium.choose(load.kind, load.array)
         return [ServingMedium(self, np.arange(load.size), packing, load)]
 
 
@@ -296,7 +287,7 @@ class ServingMedium:
     loads : (n,) indices of the loads that it serves.
     packing : the balls.
     load : these loads, with their values in SI.
-    chosen : whether an :class:`AutoMedium` chose the medium for its expected error.
+    chosen_automatically : whether an :class:`AutoMedium` chose the medium for its expected error.
     truth : simulated arrays that the error is relative to.
     is_part : whether the same medium serves other loads in another geometry.
     """
@@ -305,18 +296,14 @@ class ServingMedium:
     loads: NDArray[np.intp]
     packing: Packing
     load: Load
-    chosen: bool = False
-    truth: ReferenceModel = REST
+    chosen_automatically: bool = False
+    truth: FrictionHistory = REST
     is_part: bool = False
 
     @property
     def is_quick(self) -> bool:
         """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective medium of long lists."""
-        if self.medium.name == EffectiveMedium.name:
-            return solving_time(self.packing) < MOMENT
-        if self.medium.name == ClusterMedium.name:
-            return not self.packing.width
-        return not self.medium.simulates
+        return self.medium.of(self.packing).is_quick
 
     @property
     def arrays(self) -> tuple[DirectSimulation, ...]:
@@ -336,10 +323,10 @@ class ServingMedium:
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
         state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
-        return replace(state, chosen=True) if self.chosen else state
+        return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
-        """Return a rung for each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
+        """Return the medium in each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
         found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(found) == 1:
             return [replace(self, medium=found[0][0])]
@@ -357,12 +344,12 @@ class ServingMedium:
         return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
 
-def _list_options(packing: Packing, against: ReferenceModel) -> list[MediumChoice]:
+def _list_options(packing: Packing, against: FrictionHistory) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
-    return [MediumChoice(name, tuple(options.items())) for name, options in list_rungs(packing, against)]
+    return [MediumChoice(name, tuple(options.items())) for name, options in list_candidates(packing, against)]
 
 
-def _sort_options(packing: Packing, load: Load, against: ReferenceModel = REST) -> list[MediumChoice]:
+def _sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
     return sorted(_list_options(packing, against), key=lambda one: rough_time(one.of(packing), load))
 
@@ -391,7 +378,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     It has none in the directions of the lattice, which an automatic medium may choose.
     """
     for one in media:
-        if one.is_automatic or one.settings.get("geometry") == LATTICE:
+        if one.name == AutoMedium.name or one.settings.get("geometry") == LATTICE:
             raise no_finite_overlap(one.label)
 
 
@@ -409,8 +396,7 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
 
         rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
-    if "friction_history" in rules:
-        refuse_without_history(found)
+    FrictionHistory.read(found)
     return found
 
 

@@ -43,9 +43,9 @@ _SLOWEST = 1e-3
 _PYTHON_BYTES = 80e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
-_BALL_BYTES = {1: 210.0, 2: 300.0, 3: 470.0}
+_BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
 #: bytes for each ball while a linear response with rotations is worked on, besides the same
-_ROTATING_BALL_BYTES = {2: 300.0, 3: 400.0}
+_ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
 _GREEN_BYTES = 50.0
 #: f* below which contacts are factorised
@@ -296,19 +296,20 @@ def estimate(
     exponents = exponents and packing.spread_matters
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
     work, bounds = slow * float(np.sum(rest + linear + beside)), False
-    if (loading := simulation.loading) is not None:
+    if (loading := simulation.history).is_loaded:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
         spacings = estimate_spacing(packing, load.applied)
         path = spacings if loading.ordered else np.sort(spacings)
-        work, bounds = estimate_history(loading, balls, path, _find_start(packing, loading.start), exponents)
+        work, bounds = estimate_history(loading, balls, path, _find_start(simulation), exponents, simulation.is_exact)
         work += (1.0 + 2.0 * exponents) * float(np.sum(linear))
     work *= _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
     count *= 1 + 2 * exponents
     return Cost(memory, work=work * balls * simulation.samples, balls=balls, equilibria=count, bounds=bounds)
 
 
-def _find_start(packing: Packing, start: ReducedLoad | str) -> float:
+def _find_start(simulation: DirectSimulation) -> float:
     """Return the approximate a* at which a history starts; that of the default for the gas, whose own is not known."""
+    packing, start = simulation.packing, simulation.history.reduce_start(simulation.packing, simulation.is_exact)
     if not isinstance(start, ReducedLoad):
         return START_SPACING
     return float(find_spacing(packing, np.array([start.force]))[0]) if start.overlap is None else start.overlap + 0.5

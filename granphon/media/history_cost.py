@@ -12,8 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.gas import GAS
-from granphon.media.loading import Loading
+from granphon.media.friction_history import FrictionHistory
 
 Array = NDArray[np.float64]
 #: steps of the load for each unit of a*, at a tolerance of :data:`_STEPS_TOLERANCE`; they grow as its inverse root
@@ -46,7 +45,7 @@ _LEAST_FRICTION = 0.02
 _LEAST_TOLERANCE = 1e-5
 
 
-def count_steps(loading: Loading, path: Array, start: float) -> float:
+def count_steps(loading: FrictionHistory, path: Array, start: float) -> float:
     """Return about how many steps a history takes from the a* of its start to those of its ordered ``path``."""
     ways = np.minimum(np.abs(np.diff(path, prepend=start)), _MOST_WAY)
     return float(np.sum(np.maximum(_STEPS * ways * math.sqrt(_STEPS_TOLERANCE / loading.step_tolerance), 1.0)))
@@ -61,13 +60,15 @@ def count_iterations(balls: int, friction_coefficient: float) -> float:
     return float(_ITERATIONS * balls**_ITERATIONS_POWER * (1.0 + sliding))
 
 
-def estimate_history(loading: Loading, balls: int, path: Array, start: float, exponents: bool = False) -> tuple[float, bool]:
+def estimate_history(
+    loading: FrictionHistory, balls: int, path: Array, start: float, exponents: bool = False, exact: bool = True
+) -> tuple[float, bool]:
     """Return the time of a history per ball, in the units of :mod:`granphon.media.cost`, and whether it is a lower bound.
 
     Responses are not in it, but for ``exponents`` the further steps that they take at each load are.
     """
-    mu, loose = loading.friction_coefficient, loading.start == GAS
+    mu, loose = loading.friction_coefficient or 0.0, loading.from_gas
     steps = count_steps(loading, path, start) + _BESIDE_STEPS * len(path) * exponents + _GAS_STEPS * loose
-    time = _ITERATION_TIME * (1.0 + _FEW_BALLS / balls) * (_EXACT_TIME if loading.ratio else 1.0)
+    time = _ITERATION_TIME * (1.0 + _FEW_BALLS / balls) * (_EXACT_TIME if exact else 1.0)
     bounds = loose or 0.0 < mu < _LEAST_FRICTION or loading.step_tolerance < _LEAST_TOLERANCE
     return time * steps * count_iterations(balls, mu), bounds

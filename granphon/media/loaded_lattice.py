@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.dynamics.compatibility import GYRATION
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 
 Array = NDArray[np.float64]
 

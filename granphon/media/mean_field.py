@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured
+from granphon.balls.distributions import PointShape
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
@@ -31,6 +32,16 @@ from granphon.media.state import ContactState, Law, read_finite_overlap
 Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
+#: rough time of the effective medium for a density of diameters, s
+_DENSITY_TIME = 0.03
+#: the same for 64 listed diameters, s
+_LIST_TIME = 0.25
+#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2
+_LIST_OPENINGS = 2080.0
+#: exponent with which the time for listed diameters grows with the number of these overlaps
+_LIST_POWER = 1.25
+#: time below which work is done even when a scene is only checked and not run, s
+_QUICK_TIME = 0.1
 #: where the effective medium has its local field from; the first is the default
 _LOCAL_FIELDS = ("computed", "paper")
 
@@ -210,6 +221,19 @@ class EffectiveMedium(LawMedium):
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
+
+    @property
+    def seconds(self) -> float:
+        """Rough time of solving it, s, for any number of loads: long lists of diameters have many pairs that open."""
+        shape = self.packing.spread.shape if self.packing.spread and self.packing.width else None
+        if not isinstance(shape, PointShape):
+            return _DENSITY_TIME if shape else 0.0
+        return max(_DENSITY_TIME, float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER))
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s: not of long lists of diameters."""
+        return self.seconds < _QUICK_TIME
 
     @property
     def is_solved_anew(self) -> bool:

@@ -76,6 +76,11 @@ class MediumBase(ABC, Generic[StateT]):
         return False
 
     @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s, so that they are found when a scene is only checked."""
+        return True
+
+    @property
     def arrays(self) -> tuple[Any, ...]:
         """The medium itself if it simulates arrays, ball by ball; none otherwise."""
         return ()

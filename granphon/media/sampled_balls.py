@@ -1,4 +1,5 @@
-"""The balls in the samples of a simulation: their number, and their diameters, given or drawn from a seed."""
+"""The samples of a simulation: their balls, whose diameters are given or drawn from a seed; how contacts are directed, and
+how the samples are loaded."""
 
 from __future__ import annotations
 
@@ -6,21 +7,26 @@ import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
-from typing import Any, ClassVar
+from functools import cached_property, lru_cache, partial
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.true_geometry import require_small
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import Lattice
+from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
-from granphon.base.validation import lengths, whole
-from granphon.dynamics.modes import ContactLattice
+from granphon.base.validation import choice, lengths, require, whole
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.media.equilibria import require_load
+from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
+from granphon.media.left_out import EXACT, GEOMETRIES, LATTICE, can_be_exact, choose_geometries
 from granphon.media.medium import Option
 
 Array = NDArray[np.float64]
@@ -45,9 +51,14 @@ _SOFT = 1e-6
 _LEAST_WIDTH = 1e-20
 
 
+def read_geometry(value: Any) -> str | None:
+    """Read the name of a geometry; None leaves it to the load. It is a rule of :mod:`granphon.base.validation`."""
+    return None if value is None else choice(value, options=GEOMETRIES)
+
+
 @dataclass(frozen=True, eq=False)
 class SampledBalls:
-    """The balls of one or more samples; the base class of :class:`granphon.DirectSimulation`, which describes the fields.
+    """One or more samples; the base class of :class:`granphon.DirectSimulation`, which describes the fields.
 
     ``executor`` and ``workers`` do not change results, so that comparisons leave them out.
     """
@@ -59,17 +70,30 @@ class SampledBalls:
     diameters: Array | None = None
     executor: Executor | None = field(default=None, compare=False, repr=False)
     workers: int = field(default=1, compare=False, repr=False)
+    friction_history: bool = False
+    friction_coefficient: float | None = FrictionHistory.friction_coefficient
+    geometry: str | None = None
+    start: float | Load | str = FrictionHistory.start
+    shear_response: str = FrictionHistory.shear_response
+    step_tolerance: float = FrictionHistory.step_tolerance
+    ordered: bool = FrictionHistory.ordered
 
     #: what a scene may set; it cannot give diameters, and says elsewhere where it runs
     options: ClassVar[Mapping[str, Option]] = {
         "shape": Option(shape, read_cells),
         "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
         "samples": Option(samples, partial(whole, low=1, high=10_000)),
+        "geometry": Option(geometry, read_geometry),
+        **HISTORY_OPTIONS,
     }
 
     def __post_init__(self) -> None:
         given_packing(self.packing)
-        self._require_standing()
+        history = self.history
+        for name, value in history.options.items():
+            object.__setattr__(self, name, value)
+        held = history.from_gas and history.friction_coefficient != 0
+        require_standing(self.packing, history.is_loaded, history.is_loaded and held)
         shape = _read_shape(self.shape, self.packing.structure.periods)
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
@@ -84,9 +108,39 @@ class SampledBalls:
             raise InputError(message("diameters are given, which make one sample", mend="Leave samples out"))
         if self.executor is not None and not hasattr(self.executor, "submit"):
             raise InputError(message(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"))
+        geometry = require("geometry", read_geometry, self.geometry)
+        if geometry is None and not can_be_exact(self.packing):
+            geometry = LATTICE
+        elif geometry is None and history.is_loaded:
+            geometry = EXACT  # otherwise the load decides
+        object.__setattr__(self, "geometry", geometry)
+        if geometry == EXACT and not self.packing.spread_matters:
+            what = "on a line" if self.packing.width else "of equal balls"
+            why = f"The contacts {what} have the directions of the lattice anyway"
+            raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
+        require_small(self.ratio)
+        history.require_friction(self.packing)
+        self._require_start()
 
-    def _require_standing(self) -> None:
-        require_standing(self.packing)
+    @cached_property
+    def history(self) -> FrictionHistory:
+        """How samples are loaded: the options of a history, read as one; see :meth:`FrictionHistory.read`."""
+        given = {name: getattr(self, name) for name in HISTORY_OPTIONS}
+        return require("DirectSimulation", FrictionHistory.read, given)  # type: ignore[no-any-return]
+
+    def _require_start(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a start that no sample can bear, solving none."""
+        start = self.history.start
+        if isinstance(start, float) and self.packing.width:
+            start = Load("overlap", self.packing.width * (start - 0.5))
+        if not (self.history.is_loaded and isinstance(start, Load)):
+            return
+        try:
+            require_load(self.packing, start.applied, self._largest)
+        except InputError as error:
+            refused = InputError(f"the start of the loading: {error}")
+            refused.option = "start"
+            raise refused from None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SampledBalls):
@@ -99,7 +153,8 @@ class SampledBalls:
     @property
     def _key(self) -> tuple[Any, ...]:
         """Everything that determines the results, except the values of given diameters."""
-        return self.packing, self.shape, self.seed, self.samples, self.diameters is None
+        given = self.diameters is not None
+        return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
 
     def _take_diameters(self, diameters: ArrayLike) -> None:
         """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
@@ -129,6 +184,45 @@ class SampledBalls:
     def balls(self) -> int:
         """Number of balls of a sample."""
         return math.prod(self.cells) * self.packing.structure.n_balls
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether contacts have the geometry of the displaced balls, and so finite overlap, whatever the load."""
+        return self.geometry == EXACT
+
+    @property
+    def ratio(self) -> float:
+        """W/d in the exact geometry of contacts; zero where they keep the directions of the lattice."""
+        return self.packing.relative_width if self.is_exact else 0.0
+
+    @property
+    def named_geometry(self) -> tuple[tuple[str, str], ...]:
+        """The option that names the geometry, with its value."""
+        return (("geometry", self.geometry),) if self.geometry is not None else ()
+
+    def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
+        """Return this simulation in each geometry, by word, that it has at values of an applied load, and their places.
+
+        Where no geometry is named, each load has its own (:func:`~granphon.media.left_out.choose_geometries`).
+        """
+        if self.geometry is not None:
+            return [(self, list(range(load.size)))]
+        words = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        return [
+            (replace(self, geometry=word), [place for place, one in enumerate(words) if one == word])
+            for word in dict.fromkeys(words)
+        ]
+
+    @property
+    def floats(self) -> bool:
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        return self.history.is_loaded and self.history.from_gas and not self.ratio
+
+    @property
+    def resists_slip(self) -> bool:
+        """Whether contacts have springs against slip under sound: not where all of them slide, as mu is zero."""
+        all_slide = self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
+        return self.packing.mindlin_ratio > 0.0 and not all_slide
 
     @property
     def _largest(self) -> float:

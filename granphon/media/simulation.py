@@ -26,11 +26,11 @@ from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
-from granphon.media.loading import LoadedBalls, Loading, press_all, require_above, require_path
+from granphon.media.loading import LoadedSample, press_all, require_above
 from granphon.media.medium import MediumBase
-from granphon.media.sampled_waves import SampledWaves
+from granphon.media.sampled_balls import SampledBalls
+from granphon.media.sampled_state import SampledState, exponent_error, mean_exponent
 from granphon.media.state import read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ class SampleLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedState(SampledWaves):
+class SimulatedState(SampledState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
@@ -130,7 +130,7 @@ class SimulatedState(SampledWaves):
     Attributes
     ----------
     samples : the samples at each load, in C order of the loads; the index of the sample runs fastest.
-    spaced : True if all samples have the same overlap, False if they have the same force.
+    fixed_overlap : True if all samples have the same overlap, False if they have the same force.
 
     ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise it is False: the linear
     response of the samples is that of the paper's limit, and so are the pressure and the density that go with it;
@@ -139,7 +139,7 @@ class SimulatedState(SampledWaves):
 
     law: HertzLaw | SampleLaw = field(repr=False)
     samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
-    spaced: bool = False
+    fixed_overlap: bool = False
 
     @classmethod
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
@@ -149,15 +149,15 @@ class SimulatedState(SampledWaves):
         """
         rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*load.shape, -1, 3)
         forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
-        spaced = load.kind == "overlap"
+        fixed_overlap = load.kind == "overlap"
         # samples with the same overlap act in parallel: average stiffnesses; with the same force in series: compliances
-        k = np.mean(stiffnesses, axis=-1) if spaced else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        k = np.mean(stiffnesses, axis=-1) if fixed_overlap else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
         f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
-        delta = load.array if spaced else np.mean(overlaps, axis=-1)
+        delta = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], samples=tuple(samples),
-            spaced=spaced, finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
+            fixed_overlap=fixed_overlap, finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -203,7 +203,7 @@ class SimulatedState(SampledWaves):
     def valid(self) -> Any:
         """Whether the directions of the lattice leave out at most 1 % of the shear modulus (:attr:`shear_deficit`)."""
         deficit = self.shear_deficit
-        return self._fill_shape(True) if self.chosen or deficit is None else (deficit <= LEFT_OUT_LIMIT)
+        return self._fill_shape(True) if self.chosen_automatically or deficit is None else (deficit <= LEFT_OUT_LIMIT)
 
     @property
     def pressure(self) -> Any:
@@ -223,7 +223,7 @@ class SimulatedState(SampledWaves):
         At a given force or pressure it is that of the overlap, at a given overlap that of the force. The dictionary is empty
         if there is only one sample.
         """
-        name = "force" if self.spaced else "overlap"
+        name = "force" if self.fixed_overlap else "overlap"
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
 
     @property
@@ -257,8 +257,8 @@ class SimulatedState(SampledWaves):
 
     @property
     def _exponent_terms(self) -> Iterator[Array]:
-        """What :func:`~granphon.media.exponents.mean_exponent` takes of each sample: its force only if these have others."""
-        names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.spaced else ()))
+        """What :func:`mean_exponent` takes of each sample: its force only if these have others."""
+        names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.fixed_overlap else ()))
         return (self.over_samples(attrgetter(name)) for name in names)
 
     @property
@@ -274,7 +274,7 @@ class SimulatedState(SampledWaves):
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
+class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -327,6 +327,11 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
     name = "simulation"
 
     @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s: arrays may not."""
+        return False
+
+    @property
     def arrays(self) -> tuple[Self, ...]:
         """The simulation itself."""
         return (self,)
@@ -350,8 +355,8 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
             why = "Balls that have their true geometry overlap as much as they do"
             raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
         prescribed = self.prescribed(load)
-        if self.loading is not None:
-            return self._press(self.loading, load, prescribed)
+        if self.history.is_loaded:
+            return self._press(load, prescribed)
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
@@ -396,18 +401,15 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
         meaning, and for numbers that do not say which load they are; and what :meth:`at` raises. If a load is not reached,
         the error's ``reached`` is the state at those before it, None if there is none.
         """
-        if self.loading is None:
+        if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
             raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
         load = _read_path(load, force=force, pressure=pressure, overlap=overlap)
         simulation = replace(self, ordered=True)
-        loading, prescribed = replace(self.loading, ordered=True), simulation.prescribed(load)
-        return simulation._press(loading, load, prescribed, progress)
+        return simulation._press(load, simulation.prescribed(load), progress)
 
-    def _press(
-        self, loading: Loading, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
-    ) -> SimulatedState:
-        samples, reached, error = press_all(self, loading, prescribed, progress)
+    def _press(self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent) -> SimulatedState:
+        samples, reached, error = press_all(self, prescribed, progress)
         if error is None:
             return SimulatedState.of(self, samples, load)
         if reached:
@@ -438,26 +440,33 @@ class DirectSimulation(LoadedBalls, MediumBase[SimulatedState]):
         It may be below the start of a loading, as far as that is known before the start is found.
         """
         require_load(self.packing, load, self._largest)
-        loading = self.loading
-        if loading is not None and not loading.ordered and isinstance(loading.start, ReducedLoad) and self.packing.width:
-            require_above(loading.start, prescribe(self.packing, load, self.is_exact))
+        if (start := self._start) is not None:
+            require_above(start, prescribe(self.packing, load, self.is_exact))
+
+    @property
+    def _start(self) -> ReducedLoad | None:
+        """The start below which no load may be, in reduced units; None if there is none, or if it is found as at the gas."""
+        history = self.history
+        if not history.is_loaded or history.ordered or not self.packing.width:
+            return None
+        start = history.reduce_start(self.packing, self.is_exact)
+        return start if isinstance(start, ReducedLoad) else None
 
     def require_start(self, load: Load) -> None:
         """Raise as :meth:`require` does where the start of a loading is of another kind than the load: the start is solved.
 
         A start as a force is at another overlap in each sample, and one as an overlap at another force.
         """
-        if self.loading is not None and self.count_start(load):
+        if self.count_start(load):
             path = self.prescribed(load)
             for index in range(self.samples):
-                require_path(self.packing, read_only(self.deviations(index)), self.loading, path, self.workers)
+                LoadedSample.of(self, index).require_start(path)
 
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""
-        loading = self.loading
-        if loading is None or loading.ordered or not isinstance(loading.start, ReducedLoad) or not self.packing.width:
+        start, exact = self._start, self.is_exact
+        if start is None:
             return 0.0
-        start, exact = loading.start, self.is_exact
         by_force = start.overlap is None
         if all((one.overlap is None) == by_force for one in self.prescribed(load)):
             return 0.0

@@ -17,7 +17,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import has_cubic_axes
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
@@ -100,7 +100,7 @@ class ContactState(Result):
     normal_stiffness : k = df/d(delta), N/m.
     finite_overlap : whether every result from the state includes the terms of relative order delta/d: spacing
         a = d - delta, lever arm a/2, prestress f/a; pressure and density of a boundary that shrinks with the balls.
-    chosen : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
+    chosen_automatically : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
     """
 
     units = {
@@ -118,14 +118,14 @@ class ContactState(Result):
     overlap: Values
     normal_stiffness: Values
     finite_overlap: bool = False
-    chosen: bool = False
+    chosen_automatically: bool = False
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
         names = ("force", "overlap", "normal_stiffness")
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
 
-    def once(self, find: Callable[[Self], Found]) -> Found:
+    def cached(self, find: Callable[[Self], Found]) -> Found:
         """Return ``find(self)``, which is called only the first time and then kept."""
         if find not in self._found:
             self._found[find] = find(self)
@@ -172,8 +172,7 @@ class ContactState(Result):
         finite overlap the spacing a stands in place of d. Raises :class:`~granphon.base.errors.InputError` if the stress of
         the lattice is not a pressure.
         """
-        structure = self.packing.structure
-        return structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage) ** (structure.periods - 1)
+        return self.packing.structure.pressure_per_force(self.packing.diameter * self._shrinkage) * self.force
 
     @property
     def effective_density(self) -> Values:
@@ -261,9 +260,9 @@ class ContactState(Result):
     def least_valid_force(self) -> float:
         """Least mean contact force at which the medium is valid, N.
 
-        It is 0 for equal balls, on a line, and if the medium was ``chosen``.
+        It is 0 for equal balls, on a line, and if the medium was ``chosen_automatically``.
         """
-        if self.chosen or not self.packing.spread_matters:
+        if self.chosen_automatically or not self.packing.spread_matters:
             return 0.0
         return self.law.least_valid_force(self.packing.width)
 

@@ -116,6 +116,100 @@ class Contacts:
         return f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]}, {wrong}{more}"
 
 
+@dataclass(frozen=True)
+class Source:
+    """What a source says: its balls and contacts, its cell (3, 3), m, with which of its vectors are periods, and the rest.
+
+    The rest are fields of the network; None where the source says nothing of them.
+    """
+
+    balls: Balls
+    contacts: Contacts
+    cell: Array
+    pbc: NDArray[np.bool_]
+    dimension: int | None = None
+    motions: str | None = None
+    prestress: bool = False
+    left_out: int = 0
+
+    def complete(
+        self, material: Material | None, friction: bool, dimension: int | None, motions: str | None, prestress: bool | None
+    ) -> dict[str, Any]:
+        """Return all fields of the network; what is given here counts before what the source says.
+
+        For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`.
+        """
+        balls, contacts = self.balls, self.contacts
+        dimension = self.dimension if dimension is None else dimension
+        motions = self.motions if motions is None else motions
+        prestress = bool(self.prestress) if prestress is None else prestress
+        if material is not None and not isinstance(material, Material):
+            raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
+        friction = require("friction", truth, friction)
+        balls.check()
+        contacts.check()
+        if not np.all(np.abs(self.cell) < LARGEST):
+            raise InputError(message(f"the cell is {self.cell.tolist()} m"))
+        width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
+        positions[:, :width] = balls.positions
+        if dimension is None:
+            level = width == 3 and len(positions) and np.ptp(positions[:, 2]) <= _LEVEL * np.max(balls.radii)
+            dimension = 2 if level else width
+        dimension = whole_number("dimension", dimension, 1, 3)
+        cell, pbc = self.cell, self.pbc & (np.arange(3) < dimension)
+        masses = balls.masses
+        if masses is None:
+            if material is None:
+                mend = "Give the masses, or the material of the balls"
+                raise InputError(message(f"{balls.name} has no column 'mass', and no material is given", mend=mend))
+            masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
+        inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
+        i, j = (_find_balls(balls, contacts, end) for end in ("i", "j"))
+        still = np.isinf(masses[i]) | np.isinf(masses[j])
+        if contacts.normal is None and np.any(still):
+            contacts.refuse(still, "is with a body that does not move, and has no normal", mend="Give nx, ny and nz")
+        shift = _find_shifts(contacts, positions, balls.radii, cell, pbc, i, j, still)
+        vector = positions[j] + shift @ cell - positions[i]
+        distance = np.linalg.norm(vector, axis=1)
+        radii_i, radii_j = balls.radii[i], balls.radii[j]
+        overlap = np.where(still, 0.0, radii_i + radii_j - distance)  # a wall may have any place
+        far = ~still & ~(np.abs(overlap) <= _REACH * (radii_i + radii_j))
+        said = f"whose radii add up to {_first(radii_i + radii_j, far):.6g} m, are {_first(distance, far):.6g} m apart"
+        contacts.refuse(
+            far, f"joins balls that are not near each other: these, {said}", mend="Compare the cell and the units"
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
+        force, stiffness, shear = _find_springs(
+            contacts, material, friction, radii_i, radii_j, overlap, still, balls.rounding
+        )
+        none = np.zeros(len(i))
+        found: dict[str, Any] = {
+            "i": i, "j": j, "shift": shift, "normal": normal, "normal_force": force, "normal_stiffness": stiffness,
+            "shear_stiffness": shear,
+        }  # fmt: skip
+        # the arms lead from the centres to the middle of the overlap; that of a flat wall does not matter
+        arm_i, arm_j = (np.where(np.isfinite(radii), radii, 0.0) - 0.5 * overlap for radii in (radii_i, radii_j))
+        rest = {"torsion_stiffness": none, "bending_stiffness": none, "arm_i": arm_i, "arm_j": arm_j}
+        for name, value in rest.items():
+            given = getattr(contacts, name)
+            found[name] = value if given is None else given
+        if prestress and contacts.tangential_force is None and dimension > 1 and np.any(shear):
+            what = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
+            why = "Contacts that resist slip bear both, of one order: without them a packing at rest may seem unstable"
+            mend = "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x, tangential_y, tangential_z"
+            warnings.warn(message(what, why, mend), InconsistencyWarning, stacklevel=3)
+        if contacts.tangential_force is not None:
+            found["tangential_force"] = contacts.tangential_force
+        if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
+            found = {name: values[force > 0.0] for name, values in found.items()}
+        return {
+            "cell": cell, "pbc": tuple(pbc.tolist()), "positions": positions, "radii": balls.radii, "masses": masses,
+            "inertias": inertias, **found, "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
+            "dimension": dimension, "prestress": prestress, "left_out": self.left_out, "labels": balls.labels,
+        }  # fmt: skip
+
+
 def read_whole_numbers(name: str, values: Any) -> Index:
     """Return ``values`` as an array of whole numbers; floats are taken if they are whole.
 
@@ -169,85 +263,8 @@ def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
     return full, periodic
 
 
-def complete_fields(
-    balls: Balls, contacts: Contacts, *, material: Material | None, cell: Array, pbc: NDArray[np.bool_],
-    dimension: int | None, motions: str | None, friction: bool, prestress: bool, left_out: int = 0,
-) -> dict[str, Any]:  # fmt: skip
-    """Return all fields of the network of these balls and contacts; for the arguments see ``ContactNetwork.from_table``."""
-    if material is not None and not isinstance(material, Material):
-        raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
-    friction = require("friction", truth, friction)
-    balls.check()
-    contacts.check()
-    if not np.all(np.abs(cell) < LARGEST):
-        raise InputError(message(f"the cell is {cell.tolist()} m"))
-    width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
-    positions[:, :width] = balls.positions
-    if dimension is None:
-        level = width == 3 and len(positions) and np.ptp(positions[:, 2]) <= _LEVEL * np.max(balls.radii)
-        dimension = 2 if level else width
-    dimension = whole_number("dimension", dimension, 1, 3)
-    cell, pbc = cell.copy(), pbc & (np.arange(3) < dimension)
-    masses, inertias = _find_masses(balls, material)
-    i, j = (_find_balls(balls, contacts, end) for end in ("i", "j"))
-    still = np.isinf(masses[i]) | np.isinf(masses[j])
-    if contacts.normal is None and np.any(still):
-        contacts.refuse(still, "is with a body that does not move, and has no normal", mend="Give nx, ny and nz")
-    shift = _find_shifts(contacts, positions, balls.radii, cell, pbc, i, j, still)
-    vector = positions[j] + shift @ cell - positions[i]
-    distance = np.linalg.norm(vector, axis=1)
-    radii_i, radii_j = balls.radii[i], balls.radii[j]
-    overlap = np.where(still, 0.0, radii_i + radii_j - distance)  # a wall may have any place
-    far = ~still & ~(np.abs(overlap) <= _REACH * (radii_i + radii_j))
-    said = f"whose radii add up to {_first(radii_i + radii_j, far):.6g} m, are {_first(distance, far):.6g} m apart"
-    contacts.refuse(far, f"joins balls that are not near each other: these, {said}", mend="Compare the cell and the units")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
-    force, stiffness, shear = _find_springs(contacts, material, friction, radii_i, radii_j, overlap, still, balls.rounding)
-    none = np.zeros(len(i))
-    found: dict[str, Any] = {
-        "i": i, "j": j, "shift": shift, "normal": normal, "normal_force": force, "normal_stiffness": stiffness,
-        "shear_stiffness": shear,
-        "torsion_stiffness": none if contacts.torsion_stiffness is None else contacts.torsion_stiffness,
-        "bending_stiffness": none if contacts.bending_stiffness is None else contacts.bending_stiffness,
-        "arm_i": _find_arms(radii_i, overlap) if contacts.arm_i is None else contacts.arm_i,
-        "arm_j": _find_arms(radii_j, overlap) if contacts.arm_j is None else contacts.arm_j,
-    }  # fmt: skip
-    if prestress and contacts.tangential_force is None and dimension > 1 and np.any(shear):
-        what = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
-        why = "Contacts that resist slip bear both, of one order: without them a packing at rest may seem unstable"
-        mend = "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x, tangential_y, tangential_z"
-        warnings.warn(message(what, why, mend), InconsistencyWarning, stacklevel=4)
-    if contacts.tangential_force is not None:
-        found["tangential_force"] = contacts.tangential_force
-    if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
-        found = {name: values[force > 0.0] for name, values in found.items()}
-    return {
-        "cell": cell, "pbc": tuple(pbc.tolist()), "positions": positions, "radii": balls.radii, "masses": masses,
-        "inertias": inertias, **found, "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
-        "dimension": dimension, "prestress": prestress, "left_out": left_out, "labels": balls.labels,
-    }  # fmt: skip
-
-
-def _find_arms(radii: Array, overlap: Array) -> Array:
-    """Return the distances from the centres to the middle of the overlap."""
-    return np.where(np.isfinite(radii), radii, 0.0) - 0.5 * overlap  # the arm of a flat wall does not matter
-
-
 def _first(values: Array, bad: NDArray[np.bool_]) -> float:
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
-
-
-def _find_masses(balls: Balls, material: Material | None) -> tuple[Array, Array]:
-    """Return the masses and the moments of inertia of the balls; solid spheres where these are not given."""
-    if balls.masses is None and material is None:
-        mend = "Give the masses, or the material of the balls"
-        raise InputError(message(f"{balls.name} has no column 'mass', and no material is given", mend=mend))
-    masses = balls.masses
-    if masses is None:
-        assert material is not None
-        masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
-    return masses, 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
 
 
 def _find_balls(balls: Balls, contacts: Contacts, end: str) -> Index:
@@ -348,7 +365,7 @@ def _find_springs(
                     f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes {_first(made, odd):.6g} N"
                 )
                 mend = "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
-                warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=5)
+                warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=4)
         if stiffness is None:
             stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
     if shear is None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from granphon.base.reading import decode, read_bytes
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
 from granphon.base.validation import choice, require
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, find_rounding, read_whole_numbers
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
 Array = NDArray[np.float64]
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
@@ -25,6 +24,7 @@ _STYLES = {
     "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9), "nano": (1e-9, 1e-21, 1e-12),
 }  # fmt: skip
 _NAMES = ("i", "j", "force", "dx", "dy", "dz", "tx", "ty", "tz")
+_IS_DUMP = "Is this a dump of LAMMPS, of style custom or local, as text?"
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
 _NAME_PAIRS = "Name them in LAMMPS, dump_modify 2 colname 1 i colname 2 j, or here: columns=['i', 'j', 'force', ...]"
 
@@ -57,9 +57,9 @@ class _Frame:
 
 def read_dumps(
     dump: str | os.PathLike[str], pairs: str | os.PathLike[str], units: str | Units | None, columns: Sequence[str] | None,
-    step: int | None, *, normal_stiffness: float | None, shear_stiffness: float | None, **more: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """Return the fields of the network of two dumps; see ``ContactNetwork.from_lammps`` for the arguments."""
+    step: int | None, normal_stiffness: float | None, shear_stiffness: float | None,
+) -> Source:  # fmt: skip
+    """Return what two dumps say of balls and contacts; see ``ContactNetwork.from_lammps`` for the arguments."""
     atoms, touching = _read_frame(dump, step, "ATOMS"), _read_frame(pairs, step, "ENTRIES")
     if atoms.step != touching.step:
         what = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
@@ -72,25 +72,23 @@ def read_dumps(
     if missing := [name for name in ("i", "j") if name not in touching.names]:
         what = f"{pairs} has no column {' and no column '.join(missing)}"
         raise InputError(message(what, f"Its columns are {', '.join(touching.names)}", _NAME_PAIRS))
-    balls = _read_balls(atoms, length, mass)
-    count = len(touching.rows)
-    vector = None
-    if {"dx", "dy", "dz"} <= set(touching.names):  # LAMMPS gives the vector from j to i
-        vector = -length * np.stack([touching.read(name) for name in ("dx", "dy", "dz")], axis=1)
-    across = None
-    if {"tx", "ty", "tz"} <= set(touching.names):  # LAMMPS gives the force on i
-        across = -force * np.stack([touching.read(name) for name in ("tx", "ty", "tz")], axis=1)
+
+    # LAMMPS gives the vector from j to i, and the force on i
+    def vectors(scale: float, *names: str) -> Array | None:
+        return scale * np.stack([touching.read(name) for name in names], axis=1) if {*names} <= {*touching.names} else None
+
+    def springs(name: str, given: float | None, read: Callable[[str, float, str], float]) -> Array | None:
+        return None if given is None else np.full(len(touching.rows), read(name, given, "N/m"))
+
     contacts = Contacts(
-        touching.name, _read_ids(touching, "i"), _read_ids(touching, "j"), vector=vector, tangential_force=across,
+        touching.name, _read_ids(touching, "i"), _read_ids(touching, "j"),
+        vector=vectors(-length, "dx", "dy", "dz"),
+        tangential_force=vectors(-force, "tx", "ty", "tz"),
         normal_force=force * touching.read("force") if "force" in touching.names else None,
-        normal_stiffness=None if normal_stiffness is None else np.full(
-            count, positive("normal_stiffness", normal_stiffness, "N/m")
-        ),
-        shear_stiffness=None if shear_stiffness is None else np.full(
-            count, not_negative("shear_stiffness", shear_stiffness, "N/m")
-        ),
+        normal_stiffness=springs("normal_stiffness", normal_stiffness, positive),
+        shear_stiffness=springs("shear_stiffness", shear_stiffness, not_negative),
     )  # fmt: skip
-    return complete_fields(balls, contacts, cell=length * atoms.cell, pbc=np.asarray(atoms.pbc, bool), **more)
+    return Source(_read_balls(atoms, length, mass), contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
 def _find_scales(units: str | Units | None, *frames: _Frame) -> tuple[float, float, float]:
@@ -156,13 +154,16 @@ def _say_columns(frame: _Frame) -> str:
 
 def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
     """Read the frame at a time step, or the last one; ``kind`` is "ATOMS" or "ENTRIES", what is listed."""
-    frames = [
-        frame for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind) if step is None or frame.step == step
-    ]
+    every = _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)
+    frames = [frame for frame in every if step is None or frame.step == step]
     if not frames:
         steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)})
         shown = (
-            f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if len(steps) > 1 else f"{steps[0]} alone" if steps else "none"
+            "none"
+            if not steps
+            else f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
+            if len(steps) > 1
+            else f"{steps[0]} alone"
         )
         raise InputError(message(f"{path} has no time step {brief(step)}", f"It has {shown}"))
     return frames[-1]
@@ -181,7 +182,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             continue
         if not head.startswith("ITEM:"):
             what = f"{name}:{n + 1}: found {brief(head, 40)}, where a line 'ITEM: ...' is needed"
-            raise InputError(message(what, mend="Is this a dump of LAMMPS, of style custom or local, as text?"))
+            raise InputError(message(what, mend=_IS_DUMP))
         title = head.removeprefix("ITEM:").strip()
         n += 1
         if title == "UNITS":
@@ -210,9 +211,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
         else:  # such as TIME
             n += 1
     if frame is None:
-        raise InputError(
-            message(f"{name} has no time step", mend="Is this a dump of LAMMPS, of style custom or local, as text?")
-        )
+        raise InputError(message(f"{name} has no time step", mend=_IS_DUMP))
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:

@@ -7,7 +7,7 @@ elements. It need not have any order. Waves in it are found by :class:`granphon.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
@@ -32,7 +32,11 @@ Index = NDArray[np.intp]
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
 _WHOLE = ("i", "j", "shift", "labels")
-_SPRINGS = ("shear_stiffness", "torsion_stiffness", "bending_stiffness")
+#: forces and stiffnesses of contacts, and what they must be
+_SPRINGS = {
+    "normal_force": "zero or above", "normal_stiffness": "above zero",
+    **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
+}  # fmt: skip
 #: deviation of the length of a normal from one, or of a normal from the plane, that is put down to rounding in a file
 _UNIT = 1e-6
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
@@ -148,9 +152,7 @@ class ContactNetwork(Result):
             raise InputError(message(what, mend="Use " + ", ".join(motions)))
         if not self.n_balls:
             raise InputError(message("the network has no ball"))
-        for check in (
-            _check_balls, _check_cell, _check_contacts, _check_directions, _check_once, _check_range, _check_order,
-        ):  # fmt: skip
+        for check in (_check_cell, _check_entries, _check_once, _check_order):
             check(self)
 
     # -- what it is -------------------------------------------------------------------------------------------------
@@ -361,10 +363,8 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import read_tables
 
-        fields = read_tables(
-            balls, contacts, columns or {}, material=material, cell=cell, pbc=pbc, dimension=dimension, motions=motions,
-            friction=friction, prestress=prestress,
-        )  # fmt: skip
+        source = read_tables(balls, contacts, columns or {}, cell, pbc)
+        fields = source.complete(material, friction, dimension, motions, prestress)
         return cls(**fields)._leave_out(keep_rattlers, held_by)
 
     @classmethod
@@ -409,10 +409,8 @@ class ContactNetwork(Result):
         """
         from granphon.networks.lammps import read_dumps
 
-        fields = read_dumps(
-            dump, pairs, units, columns, step, material=material, normal_stiffness=normal_stiffness,
-            shear_stiffness=shear_stiffness, dimension=dimension, motions=motions, friction=friction, prestress=prestress,
-        )  # fmt: skip
+        source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
+        fields = source.complete(material, friction, dimension, motions, prestress)
         return cls(**fields)._leave_out(keep_rattlers, held_by)
 
     def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
@@ -441,35 +439,8 @@ def _read_periodic(values: Any) -> tuple[bool, bool, bool]:
     return one, two, three
 
 
-def _require(network: ContactNetwork, name: str, fine: Any, what: str, wrong: str, mend: str = "") -> None:
-    """Raise :class:`InputError` if a ball or contact is not ``fine``; the message names the first, and how many."""
-    if not np.all(fine):
-        bad = np.flatnonzero(~np.asarray(fine))
-        value = np.asarray(getattr(network, name))[bad[0]]
-        more = f" ({bad.size} in all)" if bad.size > 1 else ""
-        found = f"{name} = {np.array2string(value)}"
-        if what == "contact" and name not in ("i", "j"):
-            found += f", between balls {network.i[bad[0]]} and {network.j[bad[0]]}"
-        raise InputError(message(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend))
-
-
-def _check_balls(network: ContactNetwork) -> None:
-    finite = np.all(np.abs(network.positions) < LARGEST, axis=1)
-    _require(network, "positions", finite, "ball", f"is at a place that is not finite, or above {LARGEST:g} m")
-    for name in ("radii", "masses", "inertias"):
-        values = getattr(network, name)
-        _require(network, name, values > 0.0, "ball", f"has {name} that are not above zero")
-        if name != "masses":
-            _require(
-                network, name, (values < LARGEST) | ~network.moving, "ball", f"has {name} that are not finite, but moves",
-                "A body that does not move has an infinite mass",
-            )  # fmt: skip
-    if network.labels is not None and np.unique(network.labels).size != network.n_balls:
-        raise InputError(message("two balls of the network have the same label"))
-
-
 def _check_cell(network: ContactNetwork) -> None:
-    periods = network.cell[list(network.pbc)]
+    """Check that periodic vectors of the cell are finite, lie in the line or plane of the balls, and are independent."""
     for axis in np.flatnonzero(network.pbc):
         vector = network.cell[axis]
         if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
@@ -478,63 +449,83 @@ def _check_cell(network: ContactNetwork) -> None:
             where = "the line" if network.dimension == 1 else "the plane"
             what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
             raise InputError(message(f"{what} {network.dimension} dimensions, and is periodic"))
-    if len(periods) > 1:
+    if np.count_nonzero(network.pbc) > 1:
+        periods = network.cell[list(network.pbc)]
         size = np.linalg.norm(periods, axis=1, keepdims=True)
         if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
             raise InputError(message("the periodic vectors of the cell are not independent of each other"))
 
 
-def _check_contacts(network: ContactNetwork) -> None:
+def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
+    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it.
+
+    A demand may rely on those before it. Walls, which do not move, may have any size and place.
+    """
+    moving, d, i, j = network.moving, network.dimension, network.i, network.j
+    largest = f"that is not finite, or above {LARGEST:g}"
+    yield "positions", np.all(np.abs(network.positions) < LARGEST, axis=1), f"is at a place {largest} m", ""
+    for name in _BALLS:
+        values, endless = getattr(network, name), "A body that does not move has an infinite mass"
+        yield name, values > 0.0, f"has {name} that are not above zero", ""
+        yield name, (values < LARGEST) | ~moving, f"has {name} that are not finite, but moves", endless
     for name in ("i", "j"):
-        values = getattr(network, name)
-        there = (values >= 0) & (values < network.n_balls)
-        _require(network, name, there, "contact", f"names a ball that is not there; balls are 0 to {network.n_balls - 1}")
-    moved = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
-    _require(network, "shift", ~moved, "contact", "crosses a side of the cell that is not periodic")
+        there = (getattr(network, name) >= 0) & (getattr(network, name) < network.n_balls)
+        yield name, there, f"names a ball that is not there; balls are 0 to {network.n_balls - 1}", ""
+    crosses = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
+    yield "shift", ~crosses, "crosses a side of the cell that is not periodic", ""
     near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
-    _require(network, "shift", near, "contact", f"has a shift of more than {MOST_STEPS} cells")
-    alone = (network.i == network.j) & ~np.any(network.shift, axis=1)
-    _require(network, "i", ~alone, "contact", "joins a ball with itself")
+    yield "shift", near, f"has a shift of more than {MOST_STEPS} cells", ""
+    yield "i", (i != j) | np.any(network.shift, axis=1), "joins a ball with itself", ""
     size = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)  # squares of larger numbers might overflow
-    _require(network, "normal", np.abs(size - 1.0) <= _UNIT, "contact", "has a normal whose length is not one")
-    for name, low in [("normal_force", False), ("normal_stiffness", True), *[(one, False) for one in _SPRINGS]]:
+    yield "normal", np.abs(size - 1.0) <= _UNIT, "has a normal whose length is not one", ""
+    for name, least in _SPRINGS.items():
         values = getattr(network, name)
-        inside = np.isfinite(values) & ((values > 0.0) if low else (values >= 0.0))
+        inside = np.isfinite(values) & ((values > 0.0) if least == "above zero" else (values >= 0.0))
         pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
-        what = "above zero" if low else "zero or above"
-        _require(network, name, inside, "contact", f"has a {name} that is not {what}{pulls}")
-    if network.tangential_force is not None:
-        force = network.tangential_force
-        fine = np.all(np.abs(force) < LARGEST, axis=1)
-        wrong = f"has a tangential_force that is not finite, or above {LARGEST:g} N"
-        _require(network, "tangential_force", fine, "contact", wrong)
+        yield name, inside, f"has a {name} that is not {least}{pulls}", ""
+    if (force := network.tangential_force) is not None:
+        name = "tangential_force"
+        yield name, np.all(np.abs(force) < LARGEST, axis=1), f"has a {name} {largest} N", ""
         # among the least of all numbers rounding turns a force
-        least = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
-        along = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= least
-        mend = "Leave the normal force out of it"
-        _require(network, "tangential_force", along, "contact", "has a tangential_force that is not across its normal", mend)
+        least_along = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
+        across = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= least_along
+        yield name, across, f"has a {name} that is not across its normal", "Leave the normal force out of it"
     for name in ("arm_i", "arm_j"):
-        fine = np.abs(getattr(network, name)) < LARGEST
-        _require(network, name, fine, "contact", f"has an {name} that is not finite, or above {LARGEST:g} m")
-
-
-def _check_directions(network: ContactNetwork) -> None:
-    """Check that contacts lie in the plane, and lead from ball i to ball j; a wall may have any place."""
-    flat = ~np.any(np.abs(network.normal[:, network.dimension :]) > _UNIT, axis=1)
-    where = "the line along x" if network.dimension == 1 else "the plane"
-    _require(network, "normal", flat, "contact", f"leaves {where} of a network in {network.dimension} dimensions")
-    of_balls = network.moving[network.i] & network.moving[network.j]
+        yield name, np.abs(getattr(network, name)) < LARGEST, f"has an {name} {largest} m", ""
+    flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
+    where = "the line along x" if d == 1 else "the plane"
+    yield "normal", flat, f"leaves {where} of a network in {d} dimensions", ""
+    at_wall = ~(moving[i] & moving[j])
     vector, arms = network.vector, network.arm_i + network.arm_j
-    level = ~np.any(np.abs(vector[:, network.dimension :]) > _UNIT * np.abs(arms)[:, None], axis=1)
-    _require(network, "i", level | ~of_balls, "contact", f"joins balls that are not both in {where}")
+    level = ~np.any(np.abs(vector[:, d:]) > _UNIT * np.abs(arms)[:, None], axis=1)
+    yield "i", level | at_wall, f"joins balls that are not both in {where}", ""
     ahead = np.einsum("ca,ca->c", network.normal, vector) > 0.0
-    mend = "Normals lead from ball i to ball j displaced by shift cells"
-    _require(network, "normal", ahead | ~of_balls, "contact", "has a normal that does not lead from ball i to ball j", mend)
-    distance = np.linalg.norm(vector, axis=1)
-    near = np.abs(distance - arms) <= _STRAY * np.abs(arms)
-    mend = "Compare shift and cell with the positions"
-    wrong = "joins balls whose distance is not the sum of the two arms"
-    _require(network, "arm_i", near | ~of_balls, "contact", wrong, mend)
+    backward = "has a normal that does not lead from ball i to ball j"
+    yield "normal", ahead | at_wall, backward, "Normals lead from ball i to ball j displaced by shift cells"
+    touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
+    stray = "joins balls whose distance is not the sum of the two arms"
+    yield "arm_i", touching | at_wall, stray, "Compare shift and cell with the positions"
+    # products of a few numbers must stay within the range of floats
+    said = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+    for name in _BALLS:
+        values = getattr(network, name)
+        yield name, ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~moving, f"has {name} {said}", ""
+    yield "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, f"has a stiffness {said}", ""
+    for name in _SPRINGS:
+        yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
+
+
+def _check_entries(network: ContactNetwork) -> None:
+    """Check every ball and contact; the message names the first that is wrong, and how many are."""
+    for name, fine, wrong, mend in _list_demands(network):
+        if not np.all(fine):
+            bad = np.flatnonzero(~np.asarray(fine))
+            what = "ball" if network._shapes[name].startswith("n") else "contact"
+            found = f"{name} = {np.array2string(np.asarray(getattr(network, name))[bad[0]])}"
+            if what == "contact" and name not in ("i", "j"):
+                found += f", between balls {network.i[bad[0]]} and {network.j[bad[0]]}"
+            more = f" ({bad.size} in all)" if bad.size > 1 else ""
+            raise InputError(message(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend))
 
 
 def _check_once(network: ContactNetwork) -> None:
@@ -544,19 +535,13 @@ def _check_once(network: ContactNetwork) -> None:
     i, j, shift = network.i, network.j, network.shift
     leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
     turned = (i > j) | ((i == j) & (leading < 0))
-    first, second = np.where(turned, j, i), np.where(turned, i, j)
     step = np.where(turned[:, None], -shift, shift)
-    low, high = step.min(axis=0), step.max(axis=0)
-    if np.prod(1.0 + (high - low).astype(float)) * float(network.n_balls) ** 2 < 2.0**62:
-        span = high - low + 1
-        place = ((step[:, 0] - low[0]) * span[1] + step[:, 1] - low[1]) * span[2] + step[:, 2] - low[2]
-        key: Any = (place * network.n_balls + first) * network.n_balls + second
-        order = np.argsort(key, kind="stable")
-        same = np.diff(key[order]) == 0
-    else:  # shifts so large that no single number holds them
-        keys = np.column_stack([first, second, step])
-        order = np.lexsort(keys.T)
-        same = ~np.any(np.diff(keys[order], axis=0), axis=1)
+    pair = np.where(turned, j, i) * network.n_balls + np.where(turned, i, j)
+    order = np.argsort(pair, kind="stable")
+    alike = np.diff(pair[order], prepend=-1) == 0
+    order = order[alike | np.append(alike[1:], False)]  # few: two balls rarely touch through more than one image
+    order = order[np.lexsort((*step[order].T, pair[order]))]
+    same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
     before, after = order[:-1][same], order[1:][same]
     of_wall = ~(network.moving[i[after]] & network.moving[j[after]])
     sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
@@ -569,20 +554,10 @@ def _check_once(network: ContactNetwork) -> None:
         raise InputError(message(what, "Every contact counts once", "List each contact from one of its ends only"))
 
 
-def _check_range(network: ContactNetwork) -> None:
-    """Check that numbers are of a size whose products stay within the range of floats."""
-    said = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
-    for name in ("radii", "masses", "inertias"):
-        values = getattr(network, name)
-        fine = ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~network.moving
-        _require(network, name, fine, "ball", f"has {name} {said}")
-    _require(network, "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, "contact", f"has a stiffness {said}")
-    for name in ("normal_force", "normal_stiffness", *_SPRINGS):
-        _require(network, name, getattr(network, name) <= LARGEST, "contact", f"has a {name} {said}")
-
-
 def _check_order(network: ContactNetwork) -> None:
-    """Check that an array has the balls of all of its cells."""
+    """Check that names are unique, and that an array has the balls of all of its cells."""
+    if network.labels is not None and np.unique(network.labels).size != network.n_balls:
+        raise InputError(message("two balls of the network have the same label"))
     if network.lattice is None or network.shape is None:
         return
     balls = network.lattice.n_balls * int(np.prod(network.shape, dtype=float))

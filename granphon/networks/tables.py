@@ -20,7 +20,7 @@ from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.reading import decode, read_bytes, require_path
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, complete_fields, read_cell, read_whole_numbers
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_cell, read_whole_numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -102,9 +102,8 @@ class _Columns:
                 raise InputError(message(what, mend=f"Convert it, and call it {name!r}"))
             values = real_array(f"{name} of {self.name}", self._arrays[wanted])
             if values.ndim != 1:
-                raise InputError(
-                    message(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers")
-                )
+                what = f"{name} of {self.name} has the shape {values.shape}"
+                raise InputError(message(what, mend="Give a list of numbers"))
             return values
         if kind is None:
             if unit := self._table.unit(wanted):
@@ -184,11 +183,8 @@ def _read_remark(name: str, raw: bytes) -> dict[str, Any]:
     return {}
 
 
-def read_tables(
-    balls: Any, contacts: Any, columns: Mapping[str, str], *, cell: Any, pbc: Any, dimension: int | None,
-    motions: str | None, prestress: bool | None, **more: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """Return the fields of the network of two tables; see ``ContactNetwork.from_table`` for the arguments."""
+def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any) -> Source:
+    """Return what two tables say of balls and contacts; see ``ContactNetwork.from_table`` for the arguments."""
     for name in columns:
         if name not in BALLS and name not in CONTACTS:
             meant = closest(name, [*BALLS, *CONTACTS])
@@ -206,12 +202,9 @@ def read_tables(
     periods, periodic = read_cell(cell, pbc)
     of_balls.require_equal(*BALLS)
     of_contacts.require_equal(*CONTACTS)
-    return complete_fields(
-        _read_balls(of_balls), _read_contacts(of_contacts), cell=periods, pbc=periodic,
-        dimension=said.get("dimension") if dimension is None else dimension,
-        motions=said.get("motions") if motions is None else motions,
-        prestress=bool(said.get("prestress", False)) if prestress is None else prestress,
-        left_out=said.get("left_out", 0), **more,
+    return Source(
+        _read_balls(of_balls), _read_contacts(of_contacts), periods, periodic,
+        **{name: said[name] for name in ("dimension", "motions", "prestress", "left_out") if name in said},
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from granphon.base.arguments import finite_array, texts
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.observables.velocities import choose_direction

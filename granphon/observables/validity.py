@@ -253,7 +253,7 @@ def validity(state: ContactState) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
       given in a wrong unit.
     """
-    return given_state(state).once(_compute_validity)
+    return given_state(state).cached(_compute_validity)
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:

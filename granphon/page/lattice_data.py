@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, push_rows
 from granphon.phonons.paths import BandPath
 from granphon.phonons.zones import zone_faces, zone_polygon

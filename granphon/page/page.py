@@ -65,9 +65,8 @@ def describe_page(
     structure, law = packing.structure, packing.law
     forces, chosen, notes = [], [], list(remarks)
     for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
-        serving = choice
-        if choice.is_automatic:
-            serving = choice.rungs(packing, load.applied.flat[np.zeros(1, int)])[0].medium
+        serving = choice.choose(packing, load.applied.flat[np.zeros(1, int)])[0].medium
+        if serving != choice:
             words = f"{WORDS[serving.name]} ({serving.label})"
             notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)

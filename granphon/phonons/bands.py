@@ -18,10 +18,10 @@ from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import counted, plain_yaml, show, write_float
+from granphon.base.text import counted, plain_yaml, write_float
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
-from granphon.dynamics.modes import Modes
+from granphon.dynamics.contact_lattice import Modes
 from granphon.phonons.phonopy_atoms import (
     OFFSET,
     SPIN,
@@ -30,6 +30,7 @@ from granphon.phonons.phonopy_atoms import (
     name_atoms,
     place_atoms,
     read_motions,
+    read_numbers,
 )  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ _LENGTH_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhononModes(Modes):
-    """:class:`~granphon.dynamics.modes.Modes` converted to SI units: Hz, rad/m and m/s; eigenvectors are unchanged."""
+    """:class:`~granphon.dynamics.contact_lattice.Modes` in SI units: Hz, rad/m and m/s; eigenvectors are unchanged."""
 
     units = {"wavevectors": "rad/m", "frequencies": "Hz", "group_velocities": "m/s"}
 
@@ -235,6 +236,7 @@ class Bands(Result):
         # what an atom aside of its ball lacks of the phase of the ball
         motion[:, :, :, 3:] *= find_offset_phases(self.qpoints, self.cell).conj()[:, :, None, None, None]
         motion = motion.reshape(s, p, n * per_ball, 3, still + b)
+        ticks = [tick.split("|") for tick in self.labels]
         lines = [
             *make_header(unit, self.scales, self.motions, self.periods),
             *([f"  still_branches: {still}"] if still else []),
@@ -242,21 +244,12 @@ class Bands(Result):
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
-        ]  # fmt: skip
-        ticks = [tick.split("|") for tick in self.labels]
-        lines += [
-            "labels:",
-            *(f"- {json.dumps([a[-1], z[0]])}" for a, z in itertools.pairwise(ticks)),
-        ]
-        reciprocal = np.linalg.inv(self.cell).T
-        lines += [
-            "reciprocal_lattice:",
-            *(f"- {_write_row(row)}" for row in reciprocal.tolist()),
+            "labels:", *(f"- {json.dumps([a[-1], z[0]])}" for a, z in itertools.pairwise(ticks)),
+            "reciprocal_lattice:", *(f"- {_write_row(row)}" for row in np.linalg.inv(self.cell).T.tolist()),
             f"natom: {n * per_ball}",
-            "lattice:",
-            *(f"- {_write_row(row)}" for row in self.cell.tolist()),
+            "lattice:", *(f"- {_write_row(row)}" for row in self.cell.tolist()),
             "points:",
-        ]
+        ]  # fmt: skip
         places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
         masses = np.repeat(self.masses, per_ball).tolist()
         for name, place, mass in zip(name_atoms(n, self.motions), places, masses, strict=True):
@@ -264,20 +257,17 @@ class Bands(Result):
         lines.append("phonon:")
         hertz, velocities = frequencies / unit.hertz, velocities / (self.scales.length * unit.hertz)
         parts = np.stack([motion.real, motion.imag], axis=-1)
-        for i in range(s):
-            for j in range(p):
-                lines += [
-                    f"- q-position: {_write_row(self.qpoints[i, j].tolist())}",
-                    f"  distance: {write_float(float(self.distances[i, j]))}",
-                ]
-                if j in (0, p - 1):
-                    lines.append(f"  label: {json.dumps(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
-                lines.append("  band:")
-                for k in range(still + b):
-                    lines += [f"  - # {k + 1}", f"    frequency: {write_float(float(hertz[i, j, k]))}"]
-                    lines += [f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}", "    eigenvector:"]
-                    for atom in parts[i, j, :, :, k].tolist():
-                        lines += ["    -", *(f"      - {_write_row(pair)}" for pair in atom)]
+        for i, j in np.ndindex(s, p):
+            lines += [f"- q-position: {_write_row(self.qpoints[i, j].tolist())}"]
+            lines += [f"  distance: {write_float(float(self.distances[i, j]))}"]
+            if j in (0, p - 1):
+                lines.append(f"  label: {json.dumps(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
+            lines.append("  band:")
+            for k in range(still + b):
+                lines += [f"  - # {k + 1}", f"    frequency: {write_float(float(hertz[i, j, k]))}"]
+                lines += [f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}", "    eigenvector:"]
+                for atom in parts[i, j, :, :, k].tolist():
+                    lines += ["    -", *(f"      - {_write_row(pair)}" for pair in atom)]
         write_text(path, seal(lines))
 
     @classmethod
@@ -293,9 +283,13 @@ class Bands(Result):
             data = plain_yaml(text, path)
             own, phonon = data["granphon"], data["phonon"]
             hertz, scales = read_header(path, own)
-            s, p = _read_sizes(data)
+            s, count, natom = (require(key, partial(whole, low=1), data[key]) for key in ("npath", "nqpoint", "natom"))
+            p, there = len(phonon) // s, len(phonon)
+            if count != there or s * p != there or p == 0 or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
+                what = f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not fit"
+                raise InputError(f"{what} the {there} points of phonon")
             points = data["points"]
-            if _whole(data, "natom") != len(points):
+            if natom != len(points):
                 raise InputError(f"Its key natom is {data['natom']}, and it has {len(points)} points")
             n = sum(point["symbol"] != SPIN for point in points)
             still = int(own.get("still_branches", 0))
@@ -304,9 +298,9 @@ class Bands(Result):
             motions, periods = read_motions(own, b // max(n, 1))
             if name_atoms(n, motions) != [point["symbol"] for point in points]:
                 raise InputError("Its atoms are not those of balls with these motions")
-            cell = _numbers("lattice", data["lattice"])
-            qpoints = _numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
-            parts = _numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
+            cell = read_numbers("lattice", data["lattice"])
+            qpoints = read_numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
+            parts = read_numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
             vectors = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3 * per_ball)
             vectors[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
             vectors = vectors[..., list(motions.slots)]
@@ -315,55 +309,26 @@ class Bands(Result):
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
                 jump = following is not None and following[0] != pair[1]
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
-            velocities = _numbers("group_velocity", [[mode["group_velocity"] for mode in q] for q in bands])
+            velocities = read_numbers("group_velocity", [[mode["group_velocity"] for mode in q] for q in bands])
             if np.any(velocities[..., periods:]):
                 raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
-            coordinates = _numbers("coordinates", [point["coordinates"] for point in points])
-            masses = _numbers("mass", [point["mass"] for point in points])
+            coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
+            masses = read_numbers("mass", [point["mass"] for point in points])
             found = cls(
                 qpoints,
-                _numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
-                _numbers("frequency", [[mode["frequency"] for mode in q] for q in bands]).reshape(s, p, b) * hertz,
+                read_numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
+                read_numbers("frequency", [[mode["frequency"] for mode in q] for q in bands]).reshape(s, p, b) * hertz,
                 velocities[..., :periods].reshape(s, p, b, periods) * scales.length * hertz,
                 np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
                 coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
                 tuple(own.get("pbc", ())),
             )  # fmt: skip
             found._check()
-            if not np.allclose(_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):
+            if not np.allclose(read_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):
                 raise InputError("Its reciprocal_lattice is not that of its lattice")
         if not verified:
             warn_unverified(path)
         return found
-
-
-def _read_sizes(data: Any) -> tuple[int, int]:
-    """Numbers of segments and of points in each; InputError if the keys that tell them contradict the list of points."""
-    s, count, there = _whole(data, "npath"), _whole(data, "nqpoint"), len(data["phonon"])
-    p = there // s if s > 0 else 0
-    if count != there or s * p != there or p == 0 or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
-        raise InputError(
-            f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not fit the {there} points of phonon"
-        )
-    return s, p
-
-
-def _numbers(name: str, values: Any) -> Array:
-    """Read the values of a key of the file as an array of floats; InputError, with that key, if they are something else."""
-    try:
-        found = np.array(values)
-    except (TypeError, ValueError):  # lists of different lengths
-        raise InputError(f"Its values of {name} are not equally many everywhere") from None
-    if found.dtype.kind not in "if":
-        leaves = np.array(values, object).ravel().tolist()
-        wrong = next(one for one in leaves if isinstance(one, bool) or not isinstance(one, int | float))
-        raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
-    return found.astype(float)
-
-
-def _whole(data: Any, key: str) -> int:
-    found: int = require(key, partial(whole, low=1), data[key])
-    return found
 
 
 def _write_row(values: list[float]) -> str:

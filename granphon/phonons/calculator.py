@@ -29,19 +29,18 @@ from granphon.array.atoms import (
 )  # fmt: skip
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, Motions, select_motions
+from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, select_motions
 from granphon.balls.packing import MINDLIN
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows
 from granphon.media.state import ContactState, Law, given_state
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.contacts import ContactFinder, Deformations, find_motions
+from granphon.phonons.contacts import ContactFinder, Deformations, find_motions, keep_rows
 from granphon.phonons.force_constants import assemble
-from granphon.phonons.neighbours import keep_rows
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -134,17 +133,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self._coordinates, self._periods = count_coordinates(packing), packing.structure.periods
         self._eta, self._torsion = float(packing.mindlin_ratio), float(state.torsion)
         self._bending = float(packing.bending)
-        self._motions = self._select(_MOTIONS[self._coordinates - 1])
+        # without the rotations that no contact resists
+        self._motions = select_motions(self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1])
         # with finite overlap a contact of balls that do not turn acts along the line between them, whatever the lattice
         self._contacts = ContactFinder(
             packing.structure, self._coordinates, self._overlap, self._apart, self.finite_overlap,
             free=self.finite_overlap and not self._motions.rotate,
         )  # fmt: skip
         self._spacing = self._contacts.spacing
-
-    def _select(self, motions: Motions) -> Motions:
-        """Return the motions without the rotations that no contact resists."""
-        return select_motions(self._eta, self._torsion, self._bending, motions)
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
@@ -189,13 +185,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
-            raise PrecisionError(
-                message(
-                    f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d",
-                    f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that",
-                    "Use force constants, bands and velocities, which come from the state and stay exact",
-                )
-            )
+            what = f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d"
+            mend = "Use force constants, bands and velocities, which come from the state and stay exact"
+            raise PrecisionError(message(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend))
         contacts = self._find_deformations(balls)
         i, j, pull = contacts.i, contacts.j, contacts.force_on_j
         n, m, forces = len(balls), self._coordinates, np.zeros((len(balls), 3))
@@ -214,13 +206,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             stress[:m, :m] = -np.einsum("ca,cb->ab", pull, contacts.vector) / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
         elif "stress" in properties:
-            raise InputError(
-                message(
-                    f"the cell has no {_EXTENTS[periods - 1]}",
-                    "Stress is force over area",
-                    f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}",
-                )
-            )
+            mend = f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
+            raise InputError(message(f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend))
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about z only, else (N, 3)."""
@@ -232,13 +219,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls; raises :class:`InputError` if the balls cannot belong to the state."""
         if len(self.state.samples) > 1 and has_sampled(balls):
-            raise InputError(
-                message(
-                    f"the Atoms are of one sample, and the state is the mean over {len(self.state.samples)}",
-                    "Each sample has an overlap and a stiffness of its own",
-                    "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
-                )
-            )
+            what = f"the Atoms are of one sample, and the state is the mean over {len(self.state.samples)}"
+            mend = "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)"
+            raise InputError(message(what, "Each sample has an overlap and a stiffness of its own", mend))
         if has_sampled(balls) and self.state.samples:
             exact, loaded = self.state.samples[0].is_exact, getattr(self.state, "work", None) is not None
             if exact or loaded:
@@ -250,20 +233,15 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
-            raise InputError(
-                message("the Atoms hold a number that is not finite, in positions, cell or an array that granphon added")
-            )
+            what = "the Atoms hold a number that is not finite, in positions, cell or an array that granphon added"
+            raise InputError(message(what))
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
-            raise InputError(
-                message(
-                    f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all",
-                    "Their spread would count twice",
-                    "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of a sample",
-                )
-            )
+            what = f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all"
+            mend = "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of a sample"
+            raise InputError(message(what, "Their spread would count twice", mend))
         return self.state.law
 
     def _find_deformations(self, balls: Atoms) -> Deformations:
@@ -339,7 +317,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return np.asarray((overlap != self._overlap) | (law is not self.state.law))
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
-        """Return the harmonic :class:`~granphon.dynamics.modes.ContactLattice` of any cell of these balls, about the state.
+        """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about the state.
 
         Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is that
         of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.

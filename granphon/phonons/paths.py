@@ -89,12 +89,9 @@ def _find_band_path(cell: tuple[float, ...], pbc: tuple[bool, ...]) -> Any:
 
 
 def interpolate_path(
-    path: str | ArrayLike | Sequence[ArrayLike],
-    npoints: int,
-    special_points: Mapping[str, ArrayLike],
-    labels: Sequence[str] | None = None,
-    periods: int = 2,
-) -> tuple[Array, tuple[str, ...]]:
+    path: str | ArrayLike | Sequence[ArrayLike], npoints: int, special_points: Mapping[str, ArrayLike],
+    labels: Sequence[str] | None = None, periods: int = 2,
+) -> tuple[Array, tuple[str, ...]]:  # fmt: skip
     """Return the points along a path through the Brillouin zone, and the labels of its corners.
 
     Parameters
@@ -118,23 +115,17 @@ def interpolate_path(
     """
     count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
     pieces: list[Array] = []
-    names: list[list[str]] = []
+    said: list[str] = []  # labels of the corners where none are given
     if isinstance(path, str):
         from ase.dft.kpoints import parse_path_string
 
         for letters in parse_path_string(path):
             unknown = [letter for letter in letters if letter not in special_points]
             if unknown:
-                raise InputError(
-                    message(
-                        f"there is no special point {', '.join(unknown)} in this Brillouin zone",
-                        mend="Use " + ", ".join(special_points) + ", or give the path in numbers",
-                    )
-                )
+                what = f"there is no special point {', '.join(unknown)} in this Brillouin zone"
+                raise InputError(message(what, mend="Use " + ", ".join(special_points) + ", or give the path in numbers"))
             pieces.append(np.array([special_points[letter] for letter in letters], float))
-            names.append(list(letters))
-        if labels is not None:
-            names = _split_labels(labels, pieces)
+            said += letters
     else:
         given: Any = path
         try:
@@ -153,11 +144,16 @@ def interpolate_path(
                 many = ("one or three finite numbers", "two or three finite numbers", "three finite numbers")[periods - 1]
                 raise InputError(message(f"a path is a list of corners of {many}"))
             pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
-        corners_said = [_coordinates(q[:periods]) for piece in pieces for q in piece] if labels is None else labels
-        names = _split_labels(corners_said, pieces)
+            said += ["(" + " ".join(f"{x:.3g}" for x in q[:periods]) + ")" for q in piece]
+    if labels is not None:
+        said = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
+    corner_count = sum(map(len, pieces))
+    if len(said) != corner_count:
+        raise InputError(message(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path"))
     segments: list[Array] = []
     ticks: list[str] = []
-    for piece, name in zip(pieces, names, strict=True):
+    for piece in pieces:
+        name, said = said[: len(piece)], said[len(piece) :]
         if len(piece) < 2:
             raise InputError(message("a path needs at least two corners"))
         check_inside(piece, periods, "the path")
@@ -166,26 +162,9 @@ def interpolate_path(
         for start, stop in itertools.pairwise(piece):
             segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
             segments[-1][-1] = stop
-        if ticks:
-            ticks[-1] = ticks[-1] if ticks[-1] == name[0] else f"{ticks[-1]}|{name[0]}"
-            ticks += name[1:]
-        else:
-            ticks = list(name)
+        ticks[-1:] = [f"{ticks[-1]}|{name[0]}" if ticks and ticks[-1] != name[0] else name[0]]
+        ticks += name[1:]
     return np.array(segments), tuple(ticks)
-
-
-def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[str]]:
-    flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
-    count = sum(map(len, pieces))
-    if len(flat) != count:
-        raise InputError(message(f"{counted(len(flat), 'label')} for {counted(count, 'corner')} of the path"))
-    ends = np.cumsum([len(piece) for piece in pieces]).tolist()
-    return [flat[end - len(piece) : end] for end, piece in zip(ends, pieces, strict=True)]
-
-
-def _coordinates(q: Array) -> str:
-    """Return the label of a corner that has no name: its coordinates."""
-    return "(" + " ".join(f"{x:.3g}" for x in q) + ")"
 
 
 def check_inside(qpoints: Array, periods: int, what: str) -> None:
@@ -270,11 +249,8 @@ def read_point(value: Any, structure: Lattice) -> Array:
 def read_labels(value: Any) -> tuple[str, ...]:
     """Read the labels of the corners from text such as "G K M G" or from a list of words."""
     words = value.split() if isinstance(value, str) else value
-    if (
-        not isinstance(words, list | tuple)
-        or not words
-        or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words)
-    ):
+    listed = isinstance(words, list | tuple) and bool(words)
+    if not listed or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words):
         allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
         raise Refused(show(value), allowed)
     return tuple(words)

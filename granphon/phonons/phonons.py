@@ -22,7 +22,7 @@ from granphon.base.arguments import grid_numbers, positive, real_array, whole_nu
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
@@ -62,7 +62,7 @@ class Phonons:
     ----------
     state, atoms : the state, and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
-    lattice : the :class:`~granphon.dynamics.modes.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
+    lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
     phonopy : the :class:`ContactPhonopy` object.
 
     Raises
@@ -71,12 +71,7 @@ class Phonons:
         :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
     """
 
-    def __init__(
-        self,
-        state: ContactState,
-        atoms: Atoms | None = None,
-        dim: Sequence[int] | None = None,
-    ) -> None:
+    def __init__(self, state: ContactState, atoms: Atoms | None = None, dim: Sequence[int] | None = None) -> None:
         self.state = state = given_state(state)
         self.scales: Units = state.scales
         if not isinstance(atoms, Atoms | None):
@@ -95,17 +90,11 @@ class Phonons:
             state.contact_lattice() if atoms is None else self.calculator.contact_lattice(self.atoms)
         )
         if not self.lattice.measure > 0.0:
-            raise InputError(
-                message(
-                    "the Atoms have no cell",
-                    "Wave vectors are fractions of its reciprocal vectors",
-                    "Give the Atoms a cell of any size",
-                )
-            )
+            why, mend = "Wave vectors are fractions of its reciprocal vectors", "Give the Atoms a cell of any size"
+            raise InputError(message("the Atoms have no cell", why, mend))
         if not len(self.lattice.contacts):
-            raise InputError(
-                message("no two of these balls touch", "They are apart, or are turned against the lattice of the state")
-            )
+            why = "They are apart, or are turned against the lattice of the state"
+            raise InputError(message("no two of these balls touch", why))
         self.dim = self._choose_dim(dim)
 
     def __repr__(self) -> str:
@@ -143,13 +132,9 @@ class Phonons:
             if np.any((np.array(dim) > 1) & ~periodic):
                 raise InputError(message(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it"))
             if not touch_once_at_most(cell, dim, contact):
-                raise InputError(
-                    message(
-                        f"a supercell of {' x '.join(map(str, dim))} cells is too small",
-                        "Two balls would touch through more than one image, and their contacts could not be told apart",
-                        f"Use at least {' x '.join(map(str, self._choose_dim(None)))}",
-                    )
-                )
+                what, least = (" x ".join(map(str, numbers)) for numbers in (dim, self._choose_dim(None)))
+                why = "Two balls would touch through more than one image, and their contacts could not be told apart"
+                raise InputError(message(f"a supercell of {what} cells is too small", why, f"Use at least {least}"))
             return dim
         numbers, lengths = [1] * p, np.linalg.norm(cell, axis=1)
         while not touch_once_at_most(cell, tuple(numbers), contact):
@@ -249,11 +234,9 @@ class Phonons:
         return np.asarray(self.atoms.cell)[: self._periods, : self._periods]
 
     def bands(
-        self,
-        path: str | ArrayLike | Sequence[ArrayLike] | None = None,
-        npoints: int = 101,
+        self, path: str | ArrayLike | Sequence[ArrayLike] | None = None, npoints: int = 101,
         labels: Sequence[str] | None = None,
-    ) -> Bands:
+    ) -> Bands:  # fmt: skip
         """Return the band structure along a path.
 
         Parameters
@@ -285,12 +268,9 @@ class Phonons:
         )  # fmt: skip
 
     def dos(
-        self,
-        mesh: Sequence[int] | None = None,
-        method: Literal["tetrahedron", "smearing"] = "tetrahedron",
-        sigma: float | None = None,
-        points: int = 501,
-    ) -> DensityOfStates:
+        self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",
+        sigma: float | None = None, points: int = 501,
+    ) -> DensityOfStates:  # fmt: skip
         """Return the density of states per ball, 1/Hz, split into translation and rotation.
 
         Parameters
@@ -338,12 +318,8 @@ class Phonons:
                     raise InputError(message(what, "Nothing would be left of the density of states", "Lower sigma"))
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
-                raise InputError(
-                    message(
-                        f"sigma = {sigma!r} Hz is below the spacing of {count} points",
-                        mend="Raise sigma, or take more points",
-                    )
-                )
+                what = f"sigma = {sigma!r} Hz is below the spacing of {count} points"
+                raise InputError(message(what, mend="Raise sigma, or take more points"))
             # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
             density = sum(
                 SmearingDOSAccumulator(

@@ -20,6 +20,7 @@ from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.base.scales import HertzPrefix, Units, file_header
+from granphon.base.text import show
 
 Array = NDArray[np.float64]
 #: chemical symbol of the atoms that hold rotations alone
@@ -84,3 +85,24 @@ def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple
     if components not in (None, motions.count):
         raise InputError(f"It has {components} motions for each ball, and its head says {motions.count}")
     return motions, periods
+
+
+def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -> Array:
+    """Read the values of a key of a file as finite floats, (...), of a ``shape`` in which -1 stands for any length.
+
+    Raises :class:`~granphon.base.errors.InputError`, which names the key, for anything else.
+    """
+    try:
+        found = np.array(values)
+    except (TypeError, ValueError):  # lists of different lengths
+        raise InputError(f"Its values of {name} are not equally many everywhere") from None
+    if found.dtype.kind not in "if":
+        leaves = np.array(values, object).ravel().tolist()
+        wrong = next(one for one in leaves if isinstance(one, bool) or not isinstance(one, int | float))
+        raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
+    if not np.all(np.isfinite(found)):
+        raise InputError(f"It has something else than finite numbers under {name}")
+    fits = shape is None or [n if -1 in (w, n) else w for w, n in zip(shape, found.shape, strict=False)] == [*found.shape]
+    if shape is not None and (found.ndim != len(shape) or not fits):
+        raise InputError(f"Its values of {name} have the shape {found.shape} instead of {shape}")
+    return found.astype(float)

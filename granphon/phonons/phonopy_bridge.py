@@ -24,7 +24,7 @@ from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import plain_yaml, versions, write_float
-from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions
+from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions, read_numbers
 
 Array = NDArray[np.float64]
 
@@ -37,50 +37,39 @@ _CHARGE = "balls carry no charge"
 _FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
 _UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
 
-#: methods that read the result of a refused method, which is the key
+#: reasons for which methods of phonopy.Phonopy would give a wrong answer for balls, and the names of these methods
+_REASONS = (
+    (_SYMMETRY, "symmetrize_force_constants symmetrize_force_constants_by_space_group set_irreps run_irreps"),
+    (_DATASET, "generate_displacements produce_force_constants develop_mlp load_mlp save_mlp evaluate_mlp"),
+    (_QUANTA, "run_thermal_properties run_thermal_displacements run_thermal_displacement_matrices init_random_displacements "
+              "get_random_displacements_at_temperature init_dynamic_structure_factor run_dynamic_structure_factor "
+              "run_modulations write_animation set_Debye_frequency"),
+    (_VOLUME, "auto_band_structure auto_total_dos auto_projected_dos"),
+    (_FILE, "save to_phonopy_yaml"),
+    ("it counts three branches of sound for each atom in space; rotations and a layer have others", "get_Debye_frequency"),
+    ("it drops modes of negative frequency, so that modes at zero count or not as rounding has it", "run_moment"),
+    (_FIXED, "set_force_constants_zero_with_radius"),
+    (_UNGUARDED, "copy replicate ph2ph"),
+)  # fmt: skip
+#: refused methods, and the names of those that read their results
 _READERS = {
-    "run_irreps": ("show_irreps", "write_yaml_irreps"),
-    "run_modulations": (
-        "get_modulated_supercells", "get_modulations_and_supercell", "write_modulations", "write_yaml_modulations",
-    ),
-    "run_moment": ("get_moment",),
-    "run_dynamic_structure_factor": ("get_dynamic_structure_factor",),
-    "run_thermal_properties": (
-        "get_thermal_properties_dict", "plot_thermal_properties", "write_yaml_thermal_properties",
-    ),
-    "run_thermal_displacements": (
-        "get_thermal_displacements_dict", "plot_thermal_displacements", "write_yaml_thermal_displacements",
-    ),
-    "run_thermal_displacement_matrices": (
-        "get_thermal_displacement_matrices_dict", "write_thermal_displacement_matrix_to_cif",
+    "run_irreps": "show_irreps write_yaml_irreps",
+    "run_modulations":
+        "get_modulated_supercells get_modulations_and_supercell write_modulations write_yaml_modulations",
+    "run_moment": "get_moment",
+    "run_dynamic_structure_factor": "get_dynamic_structure_factor",
+    "run_thermal_properties": "get_thermal_properties_dict plot_thermal_properties write_yaml_thermal_properties",
+    "run_thermal_displacements":
+        "get_thermal_displacements_dict plot_thermal_displacements write_yaml_thermal_displacements",
+    "run_thermal_displacement_matrices":
+        "get_thermal_displacement_matrices_dict write_thermal_displacement_matrix_to_cif "
         "write_yaml_thermal_displacement_matrices",
-    ),
 }  # fmt: skip
 #: methods of phonopy.Phonopy that would give a wrong answer for balls, each with the reason
 REFUSED: dict[str, str] = {
-    **dict.fromkeys(
-        ("symmetrize_force_constants", "symmetrize_force_constants_by_space_group", "set_irreps", "run_irreps"), _SYMMETRY
-    ),
-    **dict.fromkeys(
-        ("generate_displacements", "produce_force_constants", "develop_mlp", "load_mlp", "save_mlp", "evaluate_mlp"),
-        _DATASET,
-    ),
-    **dict.fromkeys(
-        (
-            "run_thermal_properties", "run_thermal_displacements", "run_thermal_displacement_matrices",
-            "init_random_displacements", "get_random_displacements_at_temperature", "init_dynamic_structure_factor",
-            "run_dynamic_structure_factor", "run_modulations", "write_animation", "set_Debye_frequency",
-        ),
-        _QUANTA,
-    ),
-    **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
-    **dict.fromkeys(("save", "to_phonopy_yaml"), _FILE),
-    "get_Debye_frequency": "it counts three branches of sound for each atom in space; rotations and a layer have others",
-    "run_moment": "it drops modes of negative frequency, so that modes at zero count or not as rounding has it",
-    "set_force_constants_zero_with_radius": _FIXED,
-    **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
-    **{reader: f"it reads the result of {run}, which is refused" for run, readers in _READERS.items() for reader in readers},
-}  # fmt: skip
+    **{name: reason for reason, names in _REASONS for name in names.split()},
+    **{name: f"it reads the result of {run}, which is refused" for run, names in _READERS.items() for name in names.split()},
+}
 #: attributes that may be read but not set, each with the reason
 READ_ONLY: dict[str, str] = {
     **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
@@ -144,7 +133,17 @@ def write_phonopy(
         scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
     )  # fmt: skip
     export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
-    export.force_constants = _add_auxiliary(bridge.force_constants, export) * _EXPORT_SCALE
+    # compact force constants; the auxiliary atom is coupled to the balls of its own cell, by what their sum rule lacks.
+    # phonopy orders a supercell by atom, then by cell
+    constants = bridge.force_constants
+    lacking, cells = constants.sum(axis=1), constants.shape[1] // n  # (n, 3, 3)
+    coupled = np.zeros((n + 1, (n + 1) * cells, 3, 3))
+    coupled[:n, : n * cells] = constants
+    *balls, auxiliary = (int(s) for s in export.primitive.p2s_map)
+    coupled[:n, auxiliary] = -lacking
+    coupled[n, balls] = -lacking.swapaxes(1, 2)
+    coupled[n, auxiliary] = 0.5 * (lacking.sum(axis=0) + lacking.sum(axis=0).T)
+    export.force_constants = coupled * _EXPORT_SCALE
     # phonopy writes physical units into the file unless the factor was set, if only to its own value
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
@@ -155,23 +154,6 @@ def write_phonopy(
     ]  # fmt: skip
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
     write_text(path, seal([*head, *body.removesuffix("\n").split("\n")]))
-
-
-def _add_auxiliary(own: Array, export: Phonopy) -> Array:
-    """Return compact force constants of the cell and the auxiliary atom, which is coupled to the balls of its own cell."""
-    n, cells = own.shape[0], own.shape[1] // own.shape[0]
-    total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
-    out = np.zeros((n + 1, (n + 1) * cells, 3, 3))
-    # phonopy orders a supercell by atom, then by cell
-    out[:n, : n * cells] = own
-    first = [int(s) for s in export.primitive.p2s_map]
-    auxiliary = first[n]
-    out[:n, auxiliary] = -total
-    for ball in range(n):
-        out[n, first[ball]] = -total[ball].T
-    back = total.sum(axis=0).T
-    out[n, auxiliary] = 0.5 * (back + back.T)
-    return out
 
 
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
@@ -193,57 +175,33 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         data = plain_yaml(text, path)
         own = data["granphon"]
         _, scales = read_header(path, own)
-        masses, scale = _read_numbers(own["masses"], (-1,)), float(_read_numbers(own["force_constants_scale"], ()))
-        n = len(masses)
+        masses, scale = read_numbers("masses", own["masses"], (-1,)), own["force_constants_scale"]
+        scale, n = float(read_numbers("force_constants_scale", scale, ())), len(masses)
         points = data["unit_cell"]["points"]
         symbols, (motions, periods) = [point["symbol"] for point in points], read_motions(own)
-        matrix = np.array(data["supercell_matrix"])
         if len(points) != n + 1 or symbols != [*name_atoms(n // motions.atoms_per_ball, motions), _AUXILIARY]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
-        cells = _count_cells(matrix, periods)
+        # granphon writes no other supercell, and phonopy may never return from one
+        matrix = np.array(data["supercell_matrix"])
+        numbers = [int(m) for m in np.diag(matrix)] if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else [0]
+        if min(numbers) < 1 or set(numbers[periods:]) - {1} or not np.array_equal(matrix, np.diag(numbers)):
+            shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
+            raise InputError(f"Its supercell_matrix is not that of {shown} cells")
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("Its masses and scales are not above zero")
-        constants = _read_force_constants(data["force_constants"], n + 1, cells)
-        cell = PhonopyAtoms(
-            symbols=symbols[:n], cell=_read_numbers(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
-            scaled_positions=_read_numbers([point["coordinates"] for point in points[:n]], (n, 3)),
-        )  # fmt: skip
+        block, cells = data["force_constants"], math.prod(numbers)  # Python's integers: their product does not overflow
+        rows, columns = block["shape"]
+        if columns != (n + 1) * cells or rows not in (n + 1, columns):
+            raise InputError(f"Its force constants of shape {block['shape']} do not fit {cells} cells of {n + 1} atoms")
+        constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
+        if rows != n + 1:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
+            constants = constants[::cells]
+        places = read_numbers("coordinates", [point["coordinates"] for point in points[:n]], (n, 3))
+        vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
+        cell = PhonopyAtoms(symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=places)
         bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
         bridge.unit_conversion_factor = 1.0
         bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
     if not verified:
         warn_unverified(path)
     return bridge, scales
-
-
-def _count_cells(matrix: NDArray[Any], periods: int) -> int:
-    """Return the number of cells of a supercell n1 x n2 x n3, 1 across the periods; raises InputError for another matrix.
-
-    Granphon writes no other matrix, and phonopy may never return from one.
-    """
-    # Python's integers, whose product does not overflow
-    numbers = [int(n) for n in np.diag(matrix)] if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else [0]
-    if min(numbers) < 1 or set(numbers[periods:]) - {1} or not np.array_equal(matrix, np.diag(numbers)):
-        shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
-        raise InputError(f"Its supercell_matrix is not that of {shown} cells")
-    return math.prod(numbers)
-
-
-def _read_numbers(values: Any, shape: tuple[int, ...]) -> Array:
-    """Read finite numbers of a file as a float array of this shape, in which -1 stands for any length."""
-    found = np.array(values)
-    if found.dtype.kind not in "if" or found.ndim != len(shape) or not np.all(np.isfinite(found)):
-        raise InputError("It has something else where finite numbers are needed")
-    if any(wanted not in (-1, length) for wanted, length in zip(shape, found.shape, strict=True)):
-        raise InputError(f"It has numbers of shape {found.shape} instead of {shape}")
-    return found.astype(float)
-
-
-def _read_force_constants(block: dict[str, Any], atoms: int, cells: int) -> Array:
-    """Read (atoms, atoms * cells, 3, 3) from phonopy's block ``force_constants``, which may have the rows of all cells."""
-    rows, columns = block["shape"]
-    if columns != atoms * cells or rows not in (atoms, columns):
-        raise InputError(f"Its force constants of shape {block['shape']} do not fit {cells} cells of {atoms} atoms")
-    found = _read_numbers(block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
-    # phonopy orders a supercell by atom, then by cell
-    return found if rows == atoms else found[::cells]

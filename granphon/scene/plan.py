@@ -29,7 +29,7 @@ from granphon.media.state import ContactState
 from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
 from granphon.sweeps.cases import Asked, Case, Grid
-from granphon.waves.settings import READINGS, WaveSettings
+from granphon.waves.settings import MOMENTS, READINGS, WaveSettings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: moments of the waves of an array, if no resolution is given
-_MOMENTS = 256
 #: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
 MOST_CASES = 100
 #: greatest number of states that a survey solves; if there are more, it solves those at the ends of the axes and loads
@@ -64,10 +62,10 @@ class PlannedCase:
     origin: SceneSource
 
     @property
-    def rungs(self) -> list[ServingMedium]:
-        """The media that serve the loads, see :attr:`granphon.sweeps.cases.Case.rungs`."""
+    def serving_media(self) -> list[ServingMedium]:
+        """The media that serve the loads, see :attr:`granphon.sweeps.cases.Case.serving_media`."""
         with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
-            return self.case.rungs
+            return self.case.serving_media
 
     @cached_property
     def state(self) -> ContactState:
@@ -79,9 +77,9 @@ class PlannedCase:
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
-        for rung in filter(wanted, self.rungs):
-            label = f"{self.case.label}: {rung.medium.label}" if rung.chosen else self.case.label
-            yield label, self.state if self.case.load.size == 1 else self._solve(rung, rung.load)
+        for serving in filter(wanted, self.serving_media):
+            label = f"{self.case.label}: {serving.medium.label}" if serving.chosen_automatically else self.case.label
+            yield label, self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
 
     def require(self) -> None:
         """Raise if the packing is not rigid, has no such medium, or cannot carry the least or the greatest of the loads.
@@ -93,18 +91,18 @@ class PlannedCase:
     @cached_property
     def _is_carried(self) -> bool:
         for index in dict.fromkeys((int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))):
-            rung = next(rung for rung in self.rungs if index in rung.loads)
+            serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
-                rung.medium.of(self.case.packing).require(self.case.load[index])
-                if rung.is_quick:
+                serving.medium.of(self.case.packing).require(self.case.load[index])
+                if serving.is_quick:
                     (self._find_state(index) if index else self.state).contact_lattice()
         return True
 
     def require_start(self, most: float) -> float:
         """Raise if a load is below a start of another kind, in samples of up to ``most`` balls; return how many are left."""
-        for rung in self.rungs:
-            medium = rung.medium.of(self.case.packing)
-            index = int(rung.loads[np.argmin(np.ravel(self.case.load.array)[rung.loads])])
+        for serving in self.serving_media:
+            medium = serving.medium.of(self.case.packing)
+            index = int(serving.loads[np.argmin(np.ravel(self.case.load.array)[serving.loads])])
             load = self.case.load[index]
             with self.at_load(index, f"{self.case.label}: "):
                 if 0 < (balls := medium.count_start(load)) <= most:
@@ -117,16 +115,16 @@ class PlannedCase:
         return self.origin.at_load(self.written, index, before)
 
     def _find_state(self, index: int) -> ContactState:
-        rung = next(rung for rung in self.rungs if index in rung.loads)
-        state = self._solve(rung, self.case.load[index])
+        serving = next(serving for serving in self.serving_media if index in serving.loads)
+        state = self._solve(serving, self.case.load[index])
         if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
             raise InputError(message("the frequencies or velocities are beyond double precision"))
         return state
 
-    def _solve(self, rung: ServingMedium, load: Load) -> ContactState:
+    def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
             # False is the default of a scene, so it counts as not given
-            return rung.at(load, finite_overlap=self.case.asked.finite_overlap or None)
+            return serving.at(load, finite_overlap=self.case.asked.finite_overlap or None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,18 +194,18 @@ class Plan:
         return self.cases[0]
 
     @property
-    def rung(self) -> ServingMedium:
+    def serving(self) -> ServingMedium:
         """The medium of a scene of one state, and its expected error; an automatic medium has made its choice.
 
         :class:`~granphon.base.errors.InputError` if none can be chosen, or if the scene is a sweep.
         """
-        (rung,) = self.case.rungs
-        return rung
+        (serving,) = self.case.serving_media
+        return serving
 
     @property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
-        return not self.is_single or bool(self.rung.arrays)
+        return not self.is_single or bool(self.serving.arrays)
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
@@ -260,9 +258,9 @@ class Plan:
 
         for one in self.few:
             with self.origin.at("spectrum"):
-                require_waves(one.rungs, replace(wanted, pulse=None), most)
+                require_waves(one.serving_media, replace(wanted, pulse=None), most)
             with self.origin.at("pulse"):
-                require_waves(one.rungs, replace(wanted, spectrum=None), most)
+                require_waves(one.serving_media, replace(wanted, spectrum=None), most)
 
     def _require_rigid(self, packing: Packing) -> None:
         """Raise MechanismError if the velocities of a packing do not exist, with the observables that do."""
@@ -295,7 +293,7 @@ class Plan:
     def state(self) -> ContactState:
         """See :meth:`granphon.scene.scene.Scene.state`."""
         case = self.case
-        _ = case.rungs  # first, so that an error in choosing the medium is not placed at the load
+        _ = case.serving_media  # first, so that an error in choosing the medium is not placed at the load
         with case.at_load(0):
             return case.state
 
@@ -303,7 +301,7 @@ class Plan:
         """See :meth:`granphon.scene.scene.Scene.states`."""
         for one in self.cases:
             one.require()
-            yield from one.states(lambda rung: rung.is_quick or (simulations if rung.arrays else lists))
+            yield from one.states(lambda serving: serving.is_quick or (simulations if serving.arrays else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
         """See :meth:`granphon.scene.scene.Scene.survey`."""
@@ -312,7 +310,7 @@ class Plan:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
             few = replace(self._at_ends, load=replace(self.load, array=ends))
             left.append(f"all but the ends of {self.n_states:,} states")
-        slow = {rung.medium.name for one in few.cases for rung in one.rungs if not rung.is_quick}
+        slow = {serving.medium.name for one in few.cases for serving in one.serving_media if not serving.is_quick}
         left += [medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part]
         return few.states(simulations=False, lists=False), " and ".join(left)
 
@@ -323,10 +321,10 @@ class Plan:
         return [
             (one.case.label, warning)
             for one in self.few
-            for rung in one.rungs
-            if not rung.chosen
-            for medium in rung.arrays
-            for warning in expect_warnings(medium, rung.load)
+            for serving in one.serving_media
+            if not serving.chosen_automatically
+            for medium in serving.arrays
+            for warning in expect_warnings(medium, serving.load)
         ]
 
     def sweep(self, progress: Progress, executor: Executor | None = None, **options: Any) -> Dataset:
@@ -386,9 +384,8 @@ class Plan:
 
         If only the cases at the ends of the axes are looked at, each estimate counts as the one of the largest ``size``.
         """
-        found = [
-            cost for one in self.few for rung in one.rungs for medium in rung.arrays for cost in estimate(medium, rung.load)
-        ]
+        arrays = [(medium, one.load) for case in self.few for one in case.serving_media for medium in one.arrays]
+        found = [cost for medium, load in arrays for cost in estimate(medium, load)]
         if len(self.few) < self.n_cases and found:
             return max(found, key=size).times(len(found) * self.n_cases / len(self.few))
         return sum(found, Cost())
@@ -410,7 +407,7 @@ class Plan:
         for force in costs.find_typical_force(packing, load).tolist():
             ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
             top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
-            half = 0.5 * _MOMENTS  # each product gives two moments
+            half = 0.5 * MOMENTS  # each product gives two moments
             products, heard, readings = 20.0 * half * samples * wanted.dos, 0.0, 0.0
             if (spectrum := wanted.spectrum) is not None:
                 if (fine := spectrum.resolution) is not None:

@@ -22,7 +22,7 @@ from granphon.scene.result_files import (
 )
 
 if TYPE_CHECKING:
-    from granphon.dynamics.modes import ContactLattice
+    from granphon.dynamics.contact_lattice import ContactLattice
     from granphon.figures.runs import Run
 
 
@@ -99,13 +99,13 @@ def redraw(
             from granphon.scene.sample_waves import read_waves
 
             return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
+        if fitted and not swept:
+            from granphon.figures.fits import fit_figure
+
+            return fit_figure(_read_fit(have["fit.yaml"]))
         found = _read_files(str(source), have)
         if found.dataset is not None:
             return draw_sweep(found.dataset, target.name, variable)
-        if found.fit is not None:
-            from granphon.figures.fits import fit_figure
-
-            return fit_figure(found.fit)
         lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
         return draw_spectra(found.bands, found.dos, lattice)
 
@@ -203,9 +203,7 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
     from granphon.figures.runs import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
-        from granphon.fits.fit import WidthFit
-
-        return Run(name, fit=WidthFit.from_dict(read_yaml(have["fit.yaml"])))
+        return Run.of(name, _read_fit(have["fit.yaml"]))
     dataset = bands = dos = None
     if "sweep.nc" in have:
         from granphon.sweeps.archive import load_sweep
@@ -220,6 +218,12 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
 
         dos = DensityOfStates.read_csv(have["dos.csv"])
     return Run(name, dataset=dataset, bands=bands, dos=dos)
+
+
+def _read_fit(path: Path) -> Any:
+    from granphon.fits.fit import WidthFit
+
+    return WidthFit.from_dict(read_yaml(path))
 
 
 def _find_results(source: Path) -> dict[str, Path]:

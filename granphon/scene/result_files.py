@@ -73,7 +73,7 @@ def _observes(name: str, one: bool) -> Callable[[Plan], bool]:
 
 def _samples(plan: Plan) -> bool:
     """Whether a plan has a single state that is simulated."""
-    return plan.is_single and bool(plan.rung.arrays)
+    return plan.is_single and bool(plan.serving.arrays)
 
 
 def _observes_in_samples(name: str, plan: Plan) -> bool:
@@ -146,7 +146,7 @@ _NUMBERS = (
     Output(("sample.extxyz",), _samples, _write_sample),
     Output(
         ("sample_balls.csv", "sample_contacts.csv"),
-        lambda plan: _samples(plan) and plan.rung.arrays[0].friction_history,
+        lambda plan: _samples(plan) and plan.serving.arrays[0].friction_history,
         _write_contacts,
     ),
     *(

@@ -17,7 +17,6 @@ import numpy as np
 from granphon.base.errors import InputError, message
 from granphon.base.notebook import write_html
 from granphon.dynamics.local_field import LocalField
-from granphon.media.choice import ServingMedium
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
@@ -106,14 +105,9 @@ class RunResult:
         return self._analysis.moduli if "velocities" in self.scene.observe else None
 
     @property
-    def rung(self) -> ServingMedium | None:
-        """The medium that an automatic medium has chosen for the only state, and its error; None of another medium."""
-        return self.plan.rung if self.scene.media[0].is_automatic else None
-
-    @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
-        medium = self.plan.rung.medium.of(self.scene.packing)
+        medium = self.plan.serving.medium.of(self.scene.packing)
         return medium.local_field if self.scene.packing.width else None
 
     # -- numbers --------------------------------------------------------------------------------------------------------
@@ -148,8 +142,8 @@ class RunResult:
 
     def _summarise_state(self) -> dict[str, Any]:
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
-        if (rung := self.rung) is not None:
-            out |= {"choice": rung.medium.label, "expected_error": float(rung.errors[0]), "truth": str(rung.truth)}
+        if (serving := self.plan.serving).chosen_automatically:
+            out |= {"choice": serving.medium.label, "expected_error": float(serving.errors[0]), "truth": str(serving.truth)}
         of = self._analysis
         out |= find_all(of, ("state",)) | (find_all(of, ("exponent",)) if "exponent" in self.dataset else {})
         out |= find_all(of, ("packing",))

@@ -61,13 +61,13 @@ class Case:
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     @cached_property
-    def rungs(self) -> list[ServingMedium]:
+    def serving_media(self) -> list[ServingMedium]:
         """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
 
         They are found once, for all who hold the case. :class:`~granphon.base.errors.InputError` if the packing has no such
         medium, or if none can be chosen.
         """
-        return self.medium.rungs(self.packing, self.load)
+        return self.medium.choose(self.packing, self.load)
 
 
 @dataclass(frozen=True, eq=False)

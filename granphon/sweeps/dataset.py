@@ -109,6 +109,20 @@ def make_frame(grid: Grid, path: PathPoints | None) -> Dataset:
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
 
 
+def tabulate(
+    packing: Packing, medium: str, force: Array, values: Mapping[str, Array], attributes: Mapping[str, Any]
+) -> Dataset:
+    """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
+    from xarray import Dataset
+
+    variables: dict[str, Any] = {
+        name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
+    }
+    variables["valid"] = (("load", "medium"), np.ones((force.size, 1), bool))
+    loads = ("load", force, _list_attributes("force", force, packing))
+    return Dataset(variables, {"force": loads, "medium": [medium]}, {**attributes, "packing": to_json(packing)})
+
+
 def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
     found = getattr(result, "dataset", result)
@@ -151,7 +165,7 @@ def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: Sequence
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
-    if any(rung.chosen for one in cases for rung in one.case.rungs):
+    if any(serving.chosen_automatically for one in cases for serving in one.case.serving_media):
         parts = [part | one.choices() for one, part in zip(cases, parts, strict=True)]
     # keep the variables that every case has
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
@@ -179,8 +193,8 @@ def _fill_errors(case: CaseTasks, part: TaskResult, sizes: Mapping[str, tuple[in
     They are zero for a medium that samples nothing, and nan, not known, for a single sample.
     """
     error = np.zeros(case.case.load.size)
-    for rung in case.case.rungs:
-        error[rung.loads] = np.nan if rung.arrays and rung.packing.width else 0.0
+    for serving in case.case.serving_media:
+        error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
     each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
     return part | {name: one for name, one in each.items() if name not in part}
 

@@ -14,7 +14,7 @@ from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
 from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.base.results import Result, read_only
-from granphon.media.sample_means import HISTORY_UNITS
+from granphon.media.sampled_state import HISTORY_UNITS
 from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.sweeps.store import TaskResult
 from granphon.waves.settings import WaveSettings
@@ -123,13 +123,15 @@ def keep_balls(sample: Sample | PressedSample) -> TaskResult:
 
 def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | PressedSample:
     """Return the one sample of a simulation, with what a task has found of it and its balls."""
-    packing, seed, loading = simulation.packing, simulation.seed_of(0), simulation.loading
-    kind = PressedEquilibrium if loading else TrueEquilibrium if simulation.ratio else Equilibrium
+    packing, seed, history = simulation.packing, simulation.seed_of(0), simulation.history
+    kind = PressedEquilibrium if history.is_loaded else TrueEquilibrium if simulation.ratio else Equilibrium
     given: dict[str, Any] = {name: part[_BALLS + name][0] for name in _list_kept(kind)}
     rest: Any = kind(deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given)
-    if loading is None:
+    if not history.is_loaded:
         vars(rest)["_derivatives"] = tuple(part[_BALLS + "derivatives"][0].tolist())
-    sample = PressedSample(packing, seed, rest, loading.shear_response) if loading else Sample(packing, seed, rest)
+        sample: Sample | PressedSample = Sample(packing, seed, rest)
+    else:
+        sample = PressedSample(packing, seed, rest, history.shear_response)
     vars(sample).update({name: one[0] for name, one in part.items() if name.startswith("elastic_")})
     return sample
 

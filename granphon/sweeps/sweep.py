@@ -36,7 +36,7 @@ from granphon.base.errors import (
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import Analysis
 from granphon.phonons.paths import BandPath
@@ -342,7 +342,7 @@ def _require_waves(case: Case, wanted: WaveSettings) -> None:
     from granphon.sweeps.wave_records import require_waves  # imported here: a sweep without waves does not need it
 
     try:
-        require_waves(case.rungs, wanted)
+        require_waves(case.serving_media, wanted)
     except GranphonError as error:
         raise type(error)(f"{case.label}: {error}") from None
 

@@ -76,7 +76,7 @@ class CaseTasks:
         """A task for each medium that serves loads; an error names the case, and the load if it is known."""
         case = self.case
         try:
-            rungs = [one for rung in case.rungs for one in rung.by_geometry(case.asked.finite_overlap)]
+            serving_media = [one for serving in case.serving_media for one in serving.by_geometry(case.asked.finite_overlap)]
         except InputError as error:
             at = error.load_index
             periods = case.packing.structure.periods
@@ -86,11 +86,11 @@ class CaseTasks:
         ideal = replace(case.asked, waves=None, exponents=True)
         return [
             MediumTask(
-                f"{case.label}: {rung.medium.label}" if rung.chosen else case.label,
-                rung,
-                case.asked if rung.arrays else ideal,
+                f"{case.label}: {serving.medium.label}" if serving.chosen_automatically else case.label,
+                serving,
+                case.asked if serving.arrays else ideal,
             )
-            for rung in rungs
+            for serving in serving_media
         ]
 
     @cached_property
@@ -105,13 +105,13 @@ class CaseTasks:
             found.append(one.join(list(islice(left, len(one.tasks)))))
         if len(found) == 1:
             return found[0]
-        marks, found = _join_marks(found, [one.rung.loads for one in self.media]), [drop_marks(part) for part in found]
-        order = np.argsort(np.concatenate([one.rung.loads for one in self.media]))
+        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
+        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
         out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
         named = {name: value for part in found for name, value in part.items() if name != "warnings"}
         for name, value in named.items():
             # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
-            if all(name in part for part in found) or not self.media[0].rung.chosen:
+            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
                 rows = [
                     part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
                     for part, one in zip(found, self.media, strict=True)
@@ -127,18 +127,18 @@ class CaseTasks:
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
-        (rung,) = self.case.rungs
-        (medium,) = rung.arrays
+        (serving,) = self.case.serving_media
+        (medium,) = serving.arrays
         samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
-        state = SimulatedState.of(medium, samples, rung.load.applied[0])
-        return replace(state, chosen=True) if rung.chosen else state
+        state = SimulatedState.of(medium, samples, serving.load.applied[0])
+        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
 
     def choices(self) -> TaskResult:
         """Return the medium that serves each load, and its expected error, +inf where that is not known."""
         load = self.case.load
         choice, error = np.empty(load.size, object), np.empty(load.size)
-        for rung in self.case.rungs:
-            choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
+        for serving in self.case.serving_media:
+            choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
         return {"choice": choice.astype(str), "expected_error": error}
 
 
@@ -150,52 +150,52 @@ class MediumTask:
     """One medium on one packing at all loads that it serves; ``where`` names the task in messages."""
 
     where: str
-    rung: ServingMedium
+    serving: ServingMedium
     asked: Asked
 
     @property
     def load(self) -> Load:
         """The loads of the task."""
-        return self.rung.load
+        return self.serving.load
 
     @property
     def simulation(self) -> DirectSimulation:
         """The simulation of the packing, if it is one."""
-        (found,) = self.rung.arrays
+        (found,) = self.serving.arrays
         return found
 
     @cached_property
     def name(self) -> str:
         """Name of the result: the medium, and a digest of everything that determines the numbers."""
-        rung = self.rung
+        serving = self.serving
         data = {
-            "packing": rung.packing, "medium": rung.medium, "load": rung.load, "asked": vars(self.asked),
-            "chosen": rung.chosen, "schema": SWEEP_SCHEMA, "versions": packages(),
+            "packing": serving.packing, "medium": serving.medium, "load": serving.load, "asked": vars(self.asked),
+            "chosen": serving.chosen_automatically, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
-        return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
+        return f"{serving.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
     def kind(self) -> str:
         """Medium, size of an array and number of loads, on which the time depends most."""
-        rung = self.rung
-        return f"{rung.medium.name} {rung.medium.settings.get('shape', '')} {len(rung.loads)}"
+        serving = self.serving
+        return f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
 
     @property
     def memory(self) -> float:
         """Estimated memory of the process that solves it, bytes; 0 of a medium without an array."""
-        return estimate(self.simulation, self.load, exponents=self.asked.exponents).memory if self.rung.arrays else 0.0
+        return estimate(self.simulation, self.load, exponents=self.asked.exponents).memory if self.serving.arrays else 0.0
 
     @property
     def tasks(self) -> list[MediumTask]:
         """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
-        samples = self.rung.samples
+        samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
         asked = replace(self.asked, qpoints=None, direction=None)  # neither is asked for of a sample
         return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of them have reached."""
-        if not self.rung.arrays:
+        if not self.serving.arrays:
             return parts[0]
         size, places, own = self.load.size, _find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
@@ -216,7 +216,7 @@ class MediumTask:
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""
-        return self.rung.at(load, finite_overlap=self.asked.finite_overlap or None)
+        return self.serving.at(load, finite_overlap=self.asked.finite_overlap or None)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Find every variable at every load, and the "warnings" that :func:`tell_warnings` reads.
@@ -232,7 +232,9 @@ class MediumTask:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
         state, asked = analysis.state, self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
-        notes: list[Tally | str] = [one for one in analysis.validity.tallies if one.failing or self.rung.chosen]
+        notes: list[Tally | str] = [
+            one for one in analysis.validity.tallies if one.failing or self.serving.chosen_automatically
+        ]
         out = find_all(analysis, ("state",), swept=True)
         try:
             out |= find_all(analysis, ("velocities",), swept=True)
@@ -269,8 +271,8 @@ class MediumTask:
                 break
         if at is None:
             return _name_task(self.where, error)
-        located = _name_load(self.where, self.load, at, first, self.rung.packing.structure.periods)
-        located.load_index = int(self.rung.loads[at])
+        located = _name_load(self.where, self.load, at, first, self.serving.packing.structure.periods)
+        located.load_index = int(self.serving.loads[at])
         return located
 
 
@@ -306,9 +308,9 @@ def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[
     notes = []
     for text, indices in said.items():
         more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
-        where = f"at {load[indices[0]].describe(task.rung.packing.structure.periods)}{more}, "
+        where = f"at {load[indices[0]].describe(task.serving.packing.structure.periods)}{more}, "
         # a note need not name the loads if they are all those of the medium
-        notes.append(text if len(indices) == load.size and not task.rung.is_part else where + text)
+        notes.append(text if len(indices) == load.size and not task.serving.is_part else where + text)
     return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
 
 
@@ -379,7 +381,7 @@ class SampleTask(MediumTask):
         except GranphonError as error:
             if error.reached is None:
                 raise
-            order, count = simulation.loading.sort(simulation.prescribed(self.load)), len(error.reached.force)
+            order, count = simulation.history.sort(simulation.prescribed(self.load)), len(error.reached.force)
             return _end_early(self._record(error.reached.samples), sorted(order[:count]), self.load.size, error)
 
     def observe(self, analysis: Analysis) -> TaskResult:

@@ -27,14 +27,14 @@ from granphon.media.cost import find_typical_force
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.networks.network import ContactNetwork
-from granphon.waves.kernel import Kernel
-from granphon.waves.lines import find_attenuation, find_ioffe_regel, find_mean_free_path
+from granphon.waves.chebyshev import Kernel
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.plane_waves import find_polarisations
+from granphon.waves.pulse_source import MARGIN, PulseSource, require_sendable, transmit
 from granphon.waves.pulses import Pulse
-from granphon.waves.sending import MARGIN, PulseSource, require_sendable, transmit
 from granphon.waves.settings import PulseSettings, WaveSettings
+from granphon.waves.spectral_functions import find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.waves import Waves
 
 Array = NDArray[Any]
@@ -49,7 +49,7 @@ _PULSE = {"pulse_velocity": "velocity", "time_of_flight": "time_of_flight", "coh
 # -- before anything is simulated -----------------------------------------------------------------------------------
 
 
-def require_waves(rungs: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
+def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
     """Raise if what is ``wanted`` cannot be found in the arrays of a case, at any of its loads.
 
     Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force, which takes no simulation:
@@ -58,7 +58,7 @@ def require_waves(rungs: Sequence[ServingMedium], wanted: WaveSettings, most: fl
     """
     if wanted.spectrum is None and wanted.pulse is None:
         return
-    for medium, load in ((one, rung.load) for rung in rungs for one in rung.arrays if one.balls <= most):
+    for medium, load in ((one, serving.load) for serving in serving_media for one in serving.arrays if one.balls <= most):
         errors = list[GranphonError]()
         forces = find_typical_force(medium.packing, load)
         ends = list(dict.fromkeys((float(np.min(forces)), float(np.max(forces)))))

@@ -1,4 +1,4 @@
-"""Balls of different diameters under some loads, which the studies of media, grids and solvers share."""
+"""Balls of different diameters under some loads, by which media are judged, and what they observe."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from granphon.balls.distributions import PointShape
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
-from granphon.laws.collocation import solve_curve
-from granphon.laws.effective import make_averages
-from granphon.media.accuracy import REST, ReferenceModel
+from granphon.laws.effective import solve_curve
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import local_exponent
 from granphon.tradeoffs.ensemble import QUANTITIES, observe
-from granphon.tradeoffs.study import SECONDS, Stopwatch, Study
+from granphon.tradeoffs.study import SECONDS, Stopwatch
 
 Array = NDArray[np.float64]
 #: number of openings of listed diameters above which solving the effective medium takes noticeable time
@@ -45,7 +44,7 @@ class Disorder:
     load: Load
     quantities: tuple[str, ...]
     stopwatch: Stopwatch = SECONDS
-    truth: ReferenceModel = REST
+    truth: FrictionHistory = REST
 
     @property
     def columns(self) -> list[int]:
@@ -89,11 +88,6 @@ class Disorder:
         """State of the effective medium at the loads."""
         return self.state(EffectiveMedium(self.packing))
 
-    @property
-    def forces(self) -> Array:
-        """Reduced force f* at the loads, in the effective medium."""
-        return np.asarray(self.effective.reduced_force)
-
     @cached_property
     def solving(self) -> float:
         """Predicted time of solving the effective medium, s; zero up to ``MOST_OPENINGS`` openings."""
@@ -103,7 +97,7 @@ class Disorder:
         x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, _TRIAL_DIAMETERS).astype(int))]
         few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         begun = self.stopwatch.now()
-        solve_curve(few, 1.0, make_averages(few, 1.0), 12, 1e-10)
+        solve_curve(few, 1.0, 12, 1e-10)
         return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** _TIME_POWER)
 
     @cached_property
@@ -119,24 +113,3 @@ class Disorder:
         by_load = by_force if self.load.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
         by_width = 1.5 * (by_force - 1.0 / 6.0) if self.load.kind != "overlap" else 0.25 - by_load
         return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
-
-    def repeat(self, errors: Array) -> Array:
-        """Repeat errors (n_loads,) for each quantity, (n_loads, n_observed): all go as the root of one stiffness."""
-        return np.repeat(np.abs(errors)[:, None], len(self.quantities), axis=1)
-
-
-@dataclass(frozen=True)
-class DisorderStudy(Study):
-    """A study of balls of different diameters, at all their loads."""
-
-    disorder: Disorder
-
-    @property
-    def observed(self) -> tuple[str, ...]:
-        """Names of the quantities whose errors are measured."""
-        return self.disorder.quantities
-
-    @property
-    def loads(self) -> tuple[float, ...]:
-        """Loads at which errors are measured, SI."""
-        return self.disorder.load.values

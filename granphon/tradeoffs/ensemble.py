@@ -23,7 +23,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.results import Result
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
-from granphon.media.accuracy import REST, ReferenceModel
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import sound_velocities
@@ -91,7 +91,7 @@ class Moments:
     """
 
     def __init__(
-        self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: ReferenceModel = REST
+        self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: FrictionHistory = REST
     ) -> None:
         self.packing, self.load, self.shape, self.seed, self.truth = packing, load, shape, seed, truth
         self._moduli: list[Array] = []
@@ -107,7 +107,7 @@ class Moments:
         moduli = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1]
         k = state.over_samples(lambda sample: sample.normal_stiffness)
         # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
-        rows = np.stack([*moduli, k if state.spaced else 1.0 / k], axis=-1)
+        rows = np.stack([*moduli, k if state.fixed_overlap else 1.0 / k], axis=-1)
         self._moduli.extend(np.moveaxis(rows, 1, 0))
         self._densities = np.asarray(state.effective_density)
         self._overlaps.extend(state.over_samples(lambda sample: sample.overlap).T)

@@ -1,8 +1,8 @@
-"""Measure speed against accuracy: time and error of each medium, and of each knob inside one.
+"""Measure speed against accuracy: time and error of each medium.
 
-The studies (:mod:`granphon.tradeoffs.questions`) are tasks (:mod:`granphon.sweeps.execution`) that share a budget of time.
-Those that are finished are kept, and an interrupted trade-off continues from them. Each point of a study is timed several
-times after a run to warm up, and its error is that of the quantities that a scene observes.
+Studies (:mod:`granphon.tradeoffs.study`) are tasks (:mod:`granphon.sweeps.execution`) that share a budget of time; that of
+the media is the one there is. A finished one is kept. Each point of a study is timed several times after a run to warm up,
+and its error is that of the quantities that a scene observes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.digests import digest
@@ -30,13 +29,13 @@ from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
-from granphon.media.accuracy import read_truth
+from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.sweeps.execution import solve_all
 from granphon.sweeps.store import Store, TaskResult
 from granphon.sweeps.tasks import to_json
 from granphon.sweeps.workers import packages
-from granphon.tradeoffs.questions import choose_studies
-from granphon.tradeoffs.study import NOT_MEASURED, SECONDS, Deadline, Point, Reference, Stopwatch, Study
+from granphon.tradeoffs.media_study import choose_study
+from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
 Array = NDArray[np.float64]
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
@@ -102,11 +101,6 @@ class MeasuredPoint(Result):
     def ran(self) -> bool:
         """Whether the point was run, with or without a reference to judge it by."""
         return self.seconds > 0.0
-
-    @property
-    def measurable(self) -> bool:
-        """Whether the point could be run, given time; not one of a method that stands in the list for its reason alone."""
-        return not self.failure.startswith(NOT_MEASURED)
 
     @property
     def error(self) -> float:
@@ -192,9 +186,7 @@ class TradeOff(Result):
             if point.failure:
                 rows.append([*head, *[""] * 7, *(cost[:-1] if point.ran else [""] * 5), point.failure])
                 continue
-            # the density of states is measured at the greatest of the loads only
-            loads = self.loads[-len(point.errors) :]
-            for load, *found in zip(loads, point.errors, point.stderrs, point.reference_errors, strict=True):
+            for load, *found in zip(self.loads, point.errors, point.stderrs, point.reference_errors, strict=True):
                 for name, error, stderr, limit in zip(self.observed[point.study], *found, strict=True):
                     resolved = bool(error >= BETTER * limit)
                     own = [float(error), float(stderr), point.draws, float(limit), resolved]
@@ -211,8 +203,8 @@ def tradeoff(
     observe: Sequence[str] = ("velocities",),
     finite_overlap: bool = False,
     friction_history: bool = False,
-    friction_coefficient: float | None = None,
-    shear_response: str = SHEAR_RESPONSES[0],
+    friction_coefficient: float | None = REST.friction_coefficient,
+    shear_response: str = REST.shear_response,
     budget: float = 180.0,
     most_loads: int = 3,
     runs: int = LEAST_RUNS,
@@ -221,7 +213,7 @@ def tradeoff(
     executor: Executor | None = None,
     store: Store | None = None,
 ) -> TradeOff:
-    """Measure time and error of the media, and of the knobs inside them.
+    """Measure time and error of the media, of simulations of several sizes among them.
 
     Parameters
     ----------
@@ -229,21 +221,18 @@ def tradeoff(
     force, pressure, overlap : the loads, N, N/m (Pa in space) or m; one of the three.
     observe : "velocities", "bands", "dos": the quantities whose errors are measured. For bands and densities of states,
         media are judged by the scale of frequencies.
-    finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
-        paper's limit only.
+    finite_overlap : is refused: media are compared in the paper's limit only.
     friction_history, friction_coefficient, shear_response : whether media are judged by arrays loaded with friction, and
         how, as of a :class:`~granphon.DirectSimulation`; by default by arrays at rest without friction.
     budget : time that measuring may take, s. What does not fit is listed as not run.
     most_loads : largest number of loads; of more than that the least, the greatest, and some between are taken. If it is
-        one, the least is taken, where media differ most; for equal balls the greatest, where finite overlap does most.
+        one, the least is taken, where media differ most.
     runs : how often each point is timed, five or more.
     progress : is told what is under way.
     stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.study.Stopwatch` to count work instead
         of seconds.
-    executor : does the studies side by side, each a task that measures time where it runs, in its part of the budget. Times
-        are those of machines that do nothing else.
-    store : where finished studies are kept. Those that it holds of the same trade-off are used, and count for the budget;
-        the caller clears it.
+    executor : does the study, a task that measures time where it runs. Times are those of a machine that does nothing else.
+    store : where the finished study is kept. One that it holds of the same trade-off is used; the caller clears it.
 
     Returns
     -------
@@ -251,11 +240,9 @@ def tradeoff(
 
     Raises
     ------
-    InputError : no load, or one that is not valid; equal balls of which nothing but velocities or bands is observed, as all
-        media are exact then; balls of different diameters on a line, on a lattice that is not simulated, or with finite
-        overlap, where media have no reference; equal balls on a line or in space, where densities of states have none
-        either; a history without a friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, an
-        unknown word in ``observe``.
+    InputError : no load, or one that is not valid; equal balls, as all media are exact then; balls on a line, on a lattice
+        that is not simulated, or with finite overlap, where media have no reference; a history without a friction
+        coefficient, or the reverse; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
     FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a sweep.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
@@ -265,18 +252,17 @@ def tradeoff(
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
     observe = require("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
-    against = read_truth("tradeoff", friction_history, friction_coefficient, shear_response)
+    given = dict(zip(REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True))
+    against = require("tradeoff", FrictionHistory.read, given)
     loads = np.unique(load.array)
-    if most_loads == 1 and not packing.width:
-        loads = loads[-1:]
-    elif loads.size > most_loads:
+    if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
-    asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch, against)
+    asked = choose_study(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch, against)
     identity = {
         "trade-off of": packing, load.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
         "against": asdict(against), "budget": budget, "runs": runs, "versions": packages(),
     }  # fmt: skip
-    return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
+    return carry_out([asked], load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
 
 
 def carry_out(

@@ -13,18 +13,21 @@ from numpy.typing import NDArray
 
 from granphon.array.response import elasticity
 from granphon.balls.lattices import TRIANGULAR
-from granphon.base.errors import GranphonError
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.media.accuracy import REST, ReferenceModel
+from granphon.media.candidates import even_shape
 from granphon.media.cost import estimate, write_duration
+from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.left_out import LATTICE
+from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
-from granphon.media.sizes_and_times import even_shape
-from granphon.tradeoffs.disorder import DisorderStudy
-from granphon.tradeoffs.ensemble import Moments
-from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
+from granphon.tradeoffs.disorder import Disorder
+from granphon.tradeoffs.ensemble import QUANTITIES, Moments
+from granphon.tradeoffs.study import EPSILON, SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
 Array = NDArray[np.float64]
 #: first seed of the reference's samples, far from the seeds of the points
@@ -46,7 +49,7 @@ _SAMPLES_BETWEEN_LOOKS = 8
 
 
 @dataclass(frozen=True)
-class MediaStudy(DisorderStudy):
+class MediaStudy(Study):
     """The media against the simulated array, at rest without friction or loaded with friction.
 
     ``sides`` and ``counts``: sides, in diameters, of the samples of a simulation, and how many samples it has;
@@ -55,9 +58,20 @@ class MediaStudy(DisorderStudy):
 
     name = "media"
 
+    disorder: Disorder
     sides: tuple[int, ...] = ()
     counts: tuple[int, ...] = (1, 4)
     reference_side: int = 0
+
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """Names of the quantities whose errors are measured."""
+        return self.disorder.quantities
+
+    @property
+    def loads(self) -> tuple[float, ...]:
+        """Loads at which errors are measured, SI."""
+        return self.disorder.load.values
 
     def shape(self, side: float) -> tuple[int, ...]:
         """Return the numbers of cells of a sample whose sides are about ``side`` diameters."""
@@ -94,7 +108,7 @@ class MediaStudy(DisorderStudy):
             return prepare
 
         def prepare_simulation(
-            shape: tuple[int, ...], samples: int, of: ReferenceModel
+            shape: tuple[int, ...], samples: int, of: FrictionHistory
         ) -> Callable[[int], DirectSimulation]:
             return lambda run: DirectSimulation(packing, shape, run * samples, samples, **of.options)
 
@@ -151,7 +165,7 @@ class MediaStudy(DisorderStudy):
         loaded = self.disorder.truth.is_loaded
         other = "velocities in steps of a tenth of the tolerance" if loaded else "equilibrium and response by sparse LU"
         checked = f"of one of {_write_shape(self.checked_shape)}, {other} differ by {np.max(apart):.0e}"
-        made = f"{balls} {self.disorder.truth.told}, with control variates; {checked}"
+        made = f"{balls} {self.disorder.truth.words}, with control variates; {checked}"
         return Reference(ensemble.values[:, columns], errors[:, columns], made)
 
     def compare_steps(self) -> Array:
@@ -199,6 +213,47 @@ class MediaStudy(DisorderStudy):
         if not point.random:
             return EPSILON * self.disorder.condition
         return float(np.max(np.std(outcomes, axis=0, ddof=1) / np.mean(outcomes, axis=0)))
+
+
+def choose_study(
+    packing: Packing,
+    load: Load,
+    observe: tuple[str, ...],
+    finite_overlap: bool = False,
+    stopwatch: Stopwatch = SECONDS,
+    truth: FrictionHistory = REST,
+) -> MediaStudy:
+    """Return the study of a packing; see :func:`granphon.tradeoffs.measure.tradeoff`, which says what it raises."""
+    if not packing.width:
+        why = "All media are exact for them, and equally fast"
+        raise InputError(message("equal balls leave nothing to compare", why, "Give the packing a spread"))
+    _require_reference(packing, finite_overlap, truth)
+    spectra = bool({"bands", "dos"} & set(observe))
+    asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
+    quantities = tuple(name for name in QUANTITIES if asked[name])
+    return MediaStudy(Disorder(packing, load, quantities, stopwatch, truth))
+
+
+def _require_reference(packing: Packing, finite_overlap: bool, truth: FrictionHistory) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if balls that differ have no simulated array to judge the media by."""
+    structure = packing.structure
+    where, mend = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out"
+    if finite_overlap:
+        where, mend = "with finite overlap", "Leave finite_overlap out, or the spread"
+        why = "Their reference is the simulated array, which has the paper's limit only"
+    elif structure.periods == 1:
+        why = "On a line all contacts carry the same force, and every medium is exact"
+    else:
+        try:
+            DirectSimulation(packing, (1,) * structure.periods, **truth.options)
+        except GranphonError as error:
+            raise InputError(
+                message(f"media are not compared {where}", f"Their reference is the simulated array: {error}")
+            ) from None
+        if structure.periods == 3 or ideal_lattice(packing).is_isotropic:
+            return
+        why = "In the plane velocities are compared where sound is isotropic"
+    raise InputError(message(f"media are not compared {where}", why, mend))
 
 
 def _write_shape(shape: Sequence[int]) -> str:

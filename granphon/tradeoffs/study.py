@@ -22,8 +22,6 @@ from granphon.media.cost import Cost
 Array = NDArray[np.float64]
 #: relative distance between neighbouring double-precision numbers at 1
 EPSILON = float(np.finfo(float).eps)
-#: how the failure of a point begins that stands for a method which is not measured
-NOT_MEASURED = "not measured"
 
 
 class Stopwatch:
@@ -83,15 +81,6 @@ class Point:
     solve: Callable[[Any], Any]
     seconds: float = 0.0
     random: bool = False
-
-
-def leave_out(method: str, why: str) -> Point:
-    """Return a point that stands for a method which is not measured, and says ``why`` when it is run."""
-
-    def prepare(run: int) -> Any:
-        raise GranphonError(f"{NOT_MEASURED}: {why}")
-
-    return Point(method, "none", prepare, lambda ready: ready)
 
 
 class Reference(NamedTuple):

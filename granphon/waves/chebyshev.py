@@ -1,19 +1,145 @@
-"""Chebyshev polynomials of the dynamical matrix, which functions of the angular frequency are expanded in.
+"""Chebyshev polynomials of the dynamical matrix, and the kernel polynomial method in the frequency.
 
 The polynomials T_n(2 D / top^2 - 1) are the even polynomials T_2n(omega / top) of omega = D^1/2. An expansion in them, with
-a kernel made for omega, resolves frequencies evenly down to zero.
+a kernel made for omega, resolves frequencies evenly down to zero. A spectrum of frequencies f from 0 to ``top``, continued
+as an even function to -top, has the even moments
+
+    mu_n = integral rho(f) T_2n(f/top) df,
+
+and with f = top cos(theta) its density is
+
+    rho(f) = 2 / (pi top sin(theta)) (mu_0 + 2 sum_n g_n mu_n cos(2 n theta)).
+
+The Jackson kernel g (Weisse, Wellein, Alvermann, Fehske, Rev. Mod. Phys. 78, 275 (2006), Eq. 71) broadens each line into a
+bell that is nowhere below zero and nearly a Gaussian, whose standard deviation in theta is pi / 2M with M moments.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arguments import positive, whole_number
+from granphon.base.errors import InputError, InstabilityError, message
+from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
+from granphon.waves.settings import MOMENTS
 
 Array = NDArray[np.float64]
+#: most moments: their densities alone are 32 MiB
+_MOST = 2**20
+#: fewest moments of a given resolution
+_LEAST = 4
+#: points of a density within the standard deviation of the kernel
+_POINTS = 4
+#: share of a moment that counts for rounding
+_ROUNDING = 1e-12
+#: what a result is refined with
+Work = TypeVar("Work")
+#: bytes of vectors that a result keeps, so that more moments go on from them; what would take more begins again
+_KEPT = 2**28
+#: share by which a moment may exceed that of order zero: rounding
+_GROWTH = 1e-6
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The Jackson kernel of a number of moments.
+
+    Attributes
+    ----------
+    top : a bound of all frequencies, Hz.
+    moments : the number M of moments mu_0 to mu_(M-1), 2 or more.
+    """
+
+    top: float
+    moments: int
+
+    @classmethod
+    def of(cls, top: float, resolution: float | None = None, moments: int | None = None) -> Kernel:
+        """Return the kernel of a ``resolution``, Hz, or of a number of ``moments``; of :data:`MOMENTS` without either.
+
+        Raises :class:`~granphon.base.errors.InputError` if both are given, or if there would be too many moments,
+        or too few.
+        """
+        if resolution is None:
+            return cls(top, whole_number("moments", MOMENTS if moments is None else moments, 2, _MOST))
+        if moments is not None:
+            raise InputError(message("a resolution and a number of moments are given", "Each follows from the other"))
+        wanted = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
+        if wanted > _MOST:
+            what = f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go up to {top:g} Hz"
+            raise InputError(message(what, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more"))
+        if wanted < _LEAST:
+            what = f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to {top:g} Hz"
+            raise InputError(message(what, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less"))
+        return cls(top, max(math.ceil(wanted * (1.0 - _ROUNDING)), 2))
+
+    @property
+    def resolution(self) -> float:
+        """Standard deviation of the kernel at frequency zero, where it is largest, Hz; at f it is that times sin(theta)."""
+        return math.pi * self.top / (2.0 * self.moments)
+
+    @cached_property
+    def weights(self) -> Array:
+        """(M,) factors g_n of the moments."""
+        angle = math.pi / (2.0 * self.moments)
+        order = 2.0 * np.arange(self.moments)
+        falling = (2.0 * self.moments - order) * np.cos(order * angle) + np.sin(order * angle) / math.tan(angle)
+        return np.asarray(falling / (2.0 * self.moments))
+
+    @property
+    def count(self) -> int:
+        """Number of points of a density."""
+        return _POINTS * self.moments + 1
+
+    @cached_property
+    def angles(self) -> Array:
+        """(n_f,) theta of the points of a density, in the order of ascending frequencies: from pi/2 down to nearly zero."""
+        return np.asarray(math.pi * (self.count - 0.5 - np.arange(self.count)) / (2 * self.count - 1))
+
+    @cached_property
+    def frequencies(self) -> Array:
+        """(n_f,) points of a density, Hz: zero, and on to the last Chebyshev node below ``top``."""
+        return np.asarray(self.top * np.sin(math.pi * np.arange(self.count) / (2 * self.count - 1)))
+
+    def densities(self, moments: ArrayLike) -> Array:
+        """Return the densities (..., n_f), 1/Hz, of the ``moments`` (..., M)."""
+        from scipy.fft import dct
+
+        moments = np.asarray(moments, float)
+        series = np.zeros((*moments.shape[:-1], 2 * self.count - 1))
+        series[..., : 2 * self.moments : 2] = self.weights * moments
+        summed = dct(series, type=3, axis=-1)[..., : self.count]
+        return np.asarray(summed[..., ::-1] * (2.0 / (math.pi * self.top * np.sin(self.angles))))
+
+    def line(self, frequency: ArrayLike) -> Array:
+        """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the kernel itself."""
+        return self.densities(self.moments_of(frequency))
+
+    def moments_of(self, frequency: ArrayLike) -> Array:
+        """Return the moments (..., M) of single lines at frequencies (...), Hz, from 0 to ``top``."""
+        theta = np.arccos(np.clip(np.asarray(frequency, float) / self.top, 0.0, 1.0))
+        return np.cos(2.0 * theta[..., None] * np.arange(self.moments))
+
+    def integral(self, densities: Array) -> Array:
+        """Return the integrals (...) of ``densities`` (..., n_f): by Gauss and Chebyshev's rule, exact to rounding."""
+        weights = np.sin(self.angles) * (math.pi * self.top / (2 * self.count - 1))
+        weights[0] *= 0.5  # the point at zero stands for both sides
+        return np.asarray(densities @ weights)
+
+    def check_points(self, frequencies: Array) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of a density."""
+        if frequencies.size != self.count or not np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0):
+            what = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
+            raise InputError(message(what, mend="Compute the spectrum again"))
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
@@ -27,3 +153,85 @@ def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     while True:
         yield current
         previous, current = current, operator.advance(current, previous)
+
+
+def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
+    """Return whether the last two vectors of ``starts`` recursions are few enough to be kept."""
+    return 2 * 8 * operator.size * starts <= _KEPT
+
+
+class Moments:
+    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, found as far as they were asked for.
+
+    Two of them cost one product: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 = 2 <x_n+1|x_n> - mu_1 with x_n = T_n x.
+
+    Parameters
+    ----------
+    operator : D.
+    start : makes the vector, (size,).
+    keep : whether to keep the last vectors. Without them more moments begin again, and are the same to the last bit.
+    """
+
+    def __init__(self, operator: WaveOperator, start: Callable[[], Array], *, keep: bool) -> None:
+        self._operator, self._start, self._keep = operator, start, keep
+        self._found: list[float] = []
+        self._vectors: Iterator[Array] | None = None
+        self._last: Array | None = None
+
+    def first(self, count: int) -> Array:
+        """Return the first ``count`` moments, (count,).
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if they grow: a squared frequency is below zero.
+        """
+        found = self._found
+        if len(found) < count and self._vectors is None:
+            found.clear()
+            self._vectors = polynomials(self._operator, self._start())
+            self._last = next(self._vectors)
+            found.append(float(np.vdot(self._last, self._last)))
+        while len(found) < count:
+            assert self._vectors is not None
+            assert self._last is not None
+            # the last vector is overwritten only after the one that comes now
+            x = next(self._vectors)
+            across = float(np.vdot(x, self._last))
+            found += [across if len(found) == 1 else 2.0 * across - found[1], 2.0 * float(np.vdot(x, x)) - found[0]]
+            self._last = x
+            if not abs(found[-1]) <= (1.0 + _GROWTH) * found[0]:
+                raise InstabilityError(UNSTABLE)
+        if not self._keep:
+            self._vectors = self._last = None
+        return np.array(found[:count])
+
+
+class Refinable(ABC, Generic[Work]):
+    """A frozen result that finds one with more moments. Plain data and pickles do not keep what it needs for that."""
+
+    _work: Work | None = None
+
+    @abstractmethod
+    def _refine(self, resolution: float | None, moments: int | None) -> Self:
+        """Return the result of a resolution, Hz, or of a number of moments."""
+
+    def _with_work(self, work: Work) -> Self:
+        object.__setattr__(self, "_work", work)
+        return self
+
+    def _known_work(self) -> Work:
+        if self._work is None:
+            name = type(self).__name__
+            mend = "Ask gp.Waves(network) for it again"
+            raise InputError(message(f"this {name} was read from data, which do not have the network", mend=mend))
+        return self._work
+
+    def with_moments(self, moments: int) -> Self:
+        """Return the result of this number of moments; what has been found is not found again.
+
+        It is the same, bit for bit, as one that is found with that number at once. Raises
+        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        """
+        return self._refine(None, moments)
+
+    def with_resolution(self, resolution: float) -> Self:
+        """Return the result of this resolution, Hz: as :meth:`with_moments`."""
+        return self._refine(resolution, None)

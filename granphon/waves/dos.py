@@ -13,9 +13,8 @@ from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
 from granphon.base.arguments import whole_number
 from granphon.base.results import Result
+from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.eigenproblem import DENSE
-from granphon.waves.kernel import Kernel
-from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.sparse_matrices import factorise
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.base.text import counted
 from granphon.waves.operator import WaveOperator
@@ -54,14 +55,9 @@ class Problem:
 
     def factors(self, value: float) -> Any:
         """Return the LU factors of D - ``value``, pivots on the diagonal."""
-        from scipy.sparse.linalg import splu
-
         for nudge in (0.0, 1e-9, -1e-7):
             try:
-                return splu(
-                    self.shifted(value + nudge * self.top**2), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-                    options={"SymmetricMode": True},
-                )  # fmt: skip
+                return factorise(self.shifted(value + nudge * self.top**2))
             except RuntimeError:  # exactly singular: the value is an eigenvalue
                 continue
         raise ConvergenceError(message("the matrix of the network cannot be factorised"))

@@ -22,20 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
-from granphon.waves.chebyshev import polynomials
+from granphon.waves.chebyshev import Kernel, Moments, polynomials
 from granphon.waves.eigenproblem import RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit
-from granphon.waves.kernel import Kernel
-from granphon.waves.moments import Moments
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
-#: random vectors and moments of the density of states from which the window follows
-_VECTORS, _MOMENTS = 4, 512
+#: random vectors of the density of states from which the window follows
+_VECTORS = 4
+#: its Chebyshev moments
+_MOMENTS = 512
 #: half width of a line in it, over the standard deviation of the kernel
 _RESOLVED = 4.0
-#: filters of a window, from the fewest; more where nearly all of a window is empty
+#: numbers of filters of a window that are tried; many pay where nearly all of a window is empty
 _FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
-#: most random vectors to begin with, and fewest: as many modes of one frequency are found at once
+#: numbers of random vectors to begin with that are tried, until memory suffices: as many modes of one frequency are found
 _STARTS = (12, 8, 6, 4)
 #: filtered vectors, over the modes in the window
 _MORE = 2.3
@@ -47,19 +47,27 @@ _CORE = 0.8
 _WIDER = 1.1
 #: modes that the middle of a window holds by the density of states, over those that are wanted
 _SPARE = 2
-#: fewest fresh random vectors, and their share of those before
-_FRESH, _GROWTH = 4, 3
-#: mean square of what fresh vectors have left over; a missing mode adds one, and with four vectors less than this once in a
-#: thousand times
+#: fewest fresh random vectors
+_FRESH = 4
+#: random vectors so far, over fresh ones
+_GROWTH = 3
+#: mean square of the rest of fresh vectors below which no mode is missing;
+#: a missing one adds 1, and less than this with four vectors once in a thousand times
 _LEFT = 0.02
 #: more modes than these that cost no energy are left out from the beginning, and not counted
 _ZEROS = 48
-#: where they are: lowest frequency that is looked at for missing modes, over the highest that is wanted
+#: then, lowest frequency that is searched for missing modes, over the highest that is wanted
 _SOFT = 0.03
-#: most bytes of all vectors, of which there are this number of copies; most products of D with a vector
-_BYTES, _COPIES, _PRODUCTS = 2**32, 3, 2_000_000
-#: rows of filtered vectors that are worked on at a time, and polynomials that are kept for it
-_ROWS, _KEPT = 2**9, 32
+#: most bytes of all vectors
+_BYTES = 2**32
+#: copies of the vectors that are held at a time
+_COPIES = 3
+#: most products of D with a vector
+_PRODUCTS = 2_000_000
+#: rows of filtered vectors that are worked on at a time
+_ROWS = 2**9
+#: polynomials that are kept for it
+_KEPT = 32
 #: vectors that are worked on at a time
 _COLUMNS = 32
 
@@ -197,23 +205,40 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     Raises :class:`~granphon.base.errors.InputError` beforehand if it takes too much memory or too many products with D, and
     :class:`~granphon.base.errors.ConvergenceError` if it turns out so.
     """
-    random, top = np.random.default_rng(0), problem.top
+    from scipy.linalg import qr
+
+    random, top, size = np.random.default_rng(0), problem.top, problem.operator.size
     density, least = _Density(problem, random), 0.0
     error: type[InputError | ConvergenceError] = InputError
     # each random vector finds one mode of those without energy: many are left out from the beginning
     power = 0
     if target <= ZERO * top and density.zeros > _ZEROS:
         density, power = density.without_zeros(), 4 if problem.operator.network.prestress else 2
+
+    def count_bytes(window: _Window, starts: int) -> int:
+        return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
+
     while True:
-        window, starts = _plan(problem, density, count, target, least)
-        basis, found, vectors = np.zeros((problem.operator.size, 0)), None, starts
+        for most in _STARTS:  # fewer random vectors where memory is short
+            window, starts = density.choose(_phi(top, target), count, most, least)
+            if count_bytes(window, starts) <= _BYTES:
+                break
+        basis, found, vectors = np.zeros((size, 0)), None, starts
         while True:
             if window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
-            _require_room(problem, window, starts, count, error)
+            products, needed = window.order * (starts + _fresh(starts)), count_bytes(window, starts)
+            if needed > _BYTES or products > _PRODUCTS:
+                what = (
+                    f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB, and {products:.2g} products"
+                )
+                why = "In a large network modes of one frequency range lie close together"
+                mend = "Ask for fewer modes, or take a smaller network, or its density of states"
+                raise error(message(f"{what} products of D with a vector", why, mend))
             error = ConvergenceError
             fresh = window.apply(problem.operator, _draw(problem, random, vectors, power))
             if found is not None:
+                # fresh vectors, freed of the modes that are known, show whether one is missing
                 chosen = problem.choose(found.omega, count, target)
                 reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
                 ends = _phi(top, target + reach), _phi(top, max(target - reach, _SOFT * reach if power else 0.0))
@@ -222,7 +247,10 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
                 if _missing(window, fresh, found.vectors, ends if enough else window.part(_CORE), power) < _LEFT:
                     break
                 starts += vectors
-            basis = _orthonormal(basis, fresh)
+            # filters that reach out of the window a little add what is missing at 1e-8: no direction is left out
+            both, first = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F"), basis.shape[1]
+            both[:, :first], both[:, first:] = basis, fresh
+            basis = np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
             found, vectors = _solve(problem, window, basis), _fresh(starts)
         zeros = int(np.sum(found.omega <= ZERO * top))
         if enough:
@@ -253,46 +281,6 @@ def _draw(problem: Problem, random: np.random.Generator, count: int, power: int)
     found = np.zeros((operator.size, count))
     found[problem.live] = random.normal(size=(problem.live.size, count))
     return np.asarray(operator.matrix @ found) / problem.top**2 if power else found
-
-
-def _bytes(problem: Problem, window: _Window, starts: int) -> int:
-    return 8 * _COPIES * problem.operator.size * window.filters * (starts + _fresh(starts))
-
-
-def _plan(problem: Problem, density: _Density, wanted: int, target: float, least: float) -> tuple[_Window, int]:
-    """Return the window, and how many random vectors it takes: fewer where memory is short."""
-    for starts in _STARTS:
-        window, vectors = density.choose(_phi(problem.top, target), wanted, starts, least)
-        if _bytes(problem, window, vectors) <= _BYTES:
-            break
-    return window, vectors
-
-
-def _require_room(
-    problem: Problem, window: _Window, starts: int, count: int, error: type[InputError | ConvergenceError]
-) -> None:
-    products = window.order * (starts + _fresh(starts))
-    needed = _bytes(problem, window, starts)
-    if needed > _BYTES or products > _PRODUCTS:
-        raise error(
-            message(f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB, and {products:.2g} products "
-                    "of D with a vector",
-                    "In a large network modes of one frequency range lie close together",
-                    "Ask for fewer modes, or take a smaller network, or its density of states")
-        )  # fmt: skip
-
-
-def _orthonormal(basis: Array, fresh: Array) -> Array:
-    """Return an orthonormal basis of the space of ``basis`` and ``fresh`` (size, ...).
-
-    Filters that reach out of the window a little add what is missing at 1e-8: no direction is left out.
-    """
-    from scipy.linalg import qr
-
-    first = basis.shape[1]
-    both = np.empty((len(basis), first + fresh.shape[1]), order="F")
-    both[:, :first], both[:, first:] = basis, fresh
-    return np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
 
 
 def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:

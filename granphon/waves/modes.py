@@ -1,4 +1,9 @@
-"""Modes of finite networks: the lowest, or those nearest to a frequency."""
+"""Modes of finite networks: the lowest, or those nearest to a frequency.
+
+Small matrices are dense. Larger ones are factorised (sparse LU) at a shift, and Lanczos finds the modes nearest to it; the
+factors also say, by Sylvester's law of inertia, how many eigenvalues are below a value, so that none is missed. Where the
+factors would be too large, modes are filtered out of random vectors (:mod:`granphon.waves.filtering`).
+"""
 
 from __future__ import annotations
 
@@ -9,12 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arguments import not_negative, whole_number
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
-from granphon.waves.eigenpairs import find_eigenpairs
+from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit, make_too_few
+from granphon.waves.filtering import find_filtered
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
+#: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
+_LARGEST = 10_000
+#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
+_FACTORED = {1: 1_000_000, 2: 300_000, 3: 12_000}
+#: largest share of all modes that are found without all of them
+_SHARE = 3
+#: shift of the factors for the lowest modes, over top^2
+_SHIFT = 1e-6
+#: products with D that tell whether a network too large to be factorised is stable: eigenvalues are seen to 1e-5 of the top
+_KRYLOV = 400
+#: more vectors than are asked for
+_SPARE = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,3 +99,101 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     return NetworkModes(
         pairs.omega / (2.0 * math.pi), vectors, len(motions.translations), operator.balls.size, pairs.zeros, pairs.residual
     )
+
+
+def find_eigenpairs(operator: WaveOperator, count: int, target: float) -> Eigenpairs:
+    """Return the ``count`` modes nearest to the angular frequency ``target``, rad/s, among those that cost energy.
+
+    The network is to be stable, see :func:`require_stable`.
+    """
+    live = np.flatnonzero(np.diff(operator.matrix.indptr) > 0)
+    problem = Problem(operator, live)
+    if count > live.size:
+        raise make_too_few(live.size, count)
+    if live.size <= DENSE or count * _SHARE > live.size:
+        found = _find_dense(problem, count, target)
+    elif live.size <= _FACTORED[operator.network.dimension]:
+        found = _find_factored(problem, count, target)
+    else:
+        found = find_filtered(problem, count, target) or _find_dense(problem, count, target)
+    return found
+
+
+def require_stable(operator: WaveOperator) -> None:
+    """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+
+    Only static forces make one. Of networks too large to be factorised the lowest Ritz value of a Krylov space decides.
+    """
+    if not operator.network.prestress:
+        return
+    limit = find_limit(operator)
+    if operator.size <= _FACTORED[operator.network.dimension]:
+        stable = Problem(operator, np.arange(operator.size)).count_below(-limit) == 0
+    else:
+        stable = _find_lowest_ritz(operator) >= -limit
+    if not stable:
+        raise InstabilityError(UNSTABLE)
+
+
+def _find_lowest_ritz(operator: WaveOperator) -> float:
+    """Return the lowest Ritz value of D in the Krylov space of a random vector (Lanczos), above its lowest eigenvalue."""
+    from scipy.linalg import eigvalsh_tridiagonal
+
+    x = np.random.default_rng(0).normal(size=operator.size)
+    x /= np.linalg.norm(x)
+    before, across, diagonal, beside = np.zeros(operator.size), 0.0, [], []
+    for _ in range(_KRYLOV):
+        y = operator @ x - across * before
+        diagonal.append(float(x @ y))
+        y -= diagonal[-1] * x
+        across = float(np.linalg.norm(y))
+        beside.append(across)
+        before, x = x, y / across
+    return float(eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))[0])
+
+
+def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
+    from scipy.linalg import eigh
+
+    if problem.live.size > _LARGEST:
+        what = f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found"
+        raise InputError(message(what, mend="Ask for fewer"))
+    squares, vectors = eigh(problem.shifted(0.0).toarray())
+    if squares[0] < -find_limit(problem.operator):
+        raise InstabilityError(UNSTABLE)
+    omega = np.sqrt(np.maximum(squares, 0.0))
+    chosen = problem.choose(omega, count, target)
+    if chosen.size < count:
+        raise make_too_few(chosen.size, count)
+    zeros = int(np.sum(omega <= ZERO * problem.top))
+    omega, vectors, residual = problem.refine(vectors[:, chosen])
+    return Eigenpairs(omega, vectors, float(residual.max()), problem.loose + zeros)
+
+
+def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    size, top = problem.live.size, problem.top
+    zero = ZERO * top
+    zeros = problem.count_below(zero**2)
+    if count > size - zeros:
+        raise make_too_few(size - zeros, count)
+    lowest = target <= zero
+    shift = -_SHIFT * top**2 if lowest else target**2
+    solve = problem.factors(shift).solve
+    wanted = count + _SPARE + (zeros if lowest else 0)
+    start = np.random.default_rng(0).normal(size=size)
+    while wanted * _SHARE <= size:
+        inverse = LinearOperator((size, size), matvec=solve, dtype=np.float64)
+        _, vectors = eigsh(problem.shifted(0.0), k=wanted, sigma=shift, OPinv=inverse, v0=start)
+        omega, vectors, residual = problem.refine(vectors)
+        chosen = problem.choose(omega, count, target)
+        if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:
+            # all modes as near as the farthest one that was chosen, and no further ones, are to be there
+            reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - 1e-9)
+            low, high = max(target - reach, zero), target + reach
+            below = zeros if low == zero else problem.count_below(low**2)
+            if problem.count_below(high**2) - below == np.sum((omega > low) & (omega < high)):
+                return Eigenpairs(omega[chosen], vectors[:, chosen], float(residual[chosen].max()), problem.loose + zeros)
+        wanted *= 2
+    return _find_dense(problem, count, target)

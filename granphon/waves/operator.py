@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
+from granphon.array.sparse_matrices import compose
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row, carry_rows, contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
@@ -89,22 +90,13 @@ class WaveOperator(LinearOperator[np.float64]):
 
     def _make_matrix(self, rows: list[Row], root: list[Array]) -> csr_array[Any]:
         """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size)."""
-        from scipy.sparse import coo_array
-
-        network, m, count = self.network, self.motions.count, self.network.n_contacts
-        lines, columns, entries = [], [], []
+        network, count, parts = self.network, self.network.n_contacts, []
         for kind, (row, weight) in enumerate(zip(rows, root, strict=True)):
             for ball, coefficients, sign in ((network.j, row.head, 1.0), (network.i, row.tail, -1.0)):
                 line = np.flatnonzero(network.moving[ball])
                 scale = (sign * weight / np.sqrt(network.masses[ball]))[line, None]
-                lines.append(np.repeat(kind * count + line, m))
-                columns.append(self._places[ball[line]].ravel())
-                entries.append((scale * coefficients[line]).ravel())
-        where = np.concatenate(lines).astype(np.int32), np.concatenate(columns).astype(np.int32)
-        shape = (len(rows) * count, self.size)
-        matrix: csr_array[Any] = coo_array((np.concatenate(entries), where), shape=shape).tocsr()
-        matrix.eliminate_zeros()
-        return matrix
+                parts.append(((kind * count + line)[:, None], self._places[ball[line]], scale * coefficients[line]))
+        return compose(parts, (len(rows) * count, self.size))
 
     @cached_property
     def _gyration(self) -> Array:

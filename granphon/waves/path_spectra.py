@@ -17,7 +17,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.tables import Heading, write_table
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
 from granphon.waves.plane_waves import PeriodicCell, nearest_wavevectors
 from granphon.waves.spectral_functions import SpectralFunction

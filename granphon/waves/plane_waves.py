@@ -49,13 +49,10 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
     if np.any(wrong):
         bad = int(np.argmax(np.any(wrong, axis=1)))
-        raise InputError(
-            message(
-                f"q = {_show(given[bad])} is no wave vector of the periodic cell",
-                "Along each of its vectors L, q . L must be a multiple of 2 pi",
-                f"The nearest is {_show(nearest[bad])} 1/m; waves.nearest_wavevectors(q) finds it for any q",
-            )
-        )
+        wanted, there = ("(" + ", ".join(f"{one:.9g}" for one in vector) + ")" for vector in (given[bad], nearest[bad]))
+        what, why = f"q = {wanted} is no wave vector of the periodic cell", "Along each of its vectors L, q . L must be"
+        mend = f"The nearest is {there} 1/m; waves.nearest_wavevectors(q) finds it for any q"
+        raise InputError(message(what, f"{why} a multiple of 2 pi", mend))
     return nearest
 
 
@@ -107,16 +104,14 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
     if d == 1 and given.ndim == 0:
         given = given.reshape(1)
     if given.ndim not in (1, 2) or given.shape[-1] != d:
-        raise InputError(
-            message(f"q has the shape {given.shape}", f"A wave vector of this network has the shape ({d},)",
-                    f"Give ({d},) or (n, {d}), Cartesian, in 1/m")
-        )  # fmt: skip
+        why, mend = f"A wave vector of this network has the shape ({d},)", f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
+        raise InputError(message(f"q has the shape {given.shape}", why, mend))
     size = float(np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0)))
     if (phase := float(np.max(np.abs(given), initial=0.0)) * size) > _MOST_PHASE:
+        what = f"the phase of such a wave differs by {phase:.1e} across the network"
         raise PrecisionError(
-            message(f"the phase of such a wave differs by {phase:.1e} across the network",
-                    f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
-        )  # fmt: skip
+            message(what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
+        )
     return np.atleast_2d(given)
 
 
@@ -158,10 +153,6 @@ def _reduce(basis: Array) -> NDArray[np.intp]:
     full = np.zeros((3, 3))
     full[:p, :d] = basis / np.linalg.norm(basis, axis=1).max()  # ASE's tolerance is a length
     return np.asarray(minkowski_reduce(full, pbc=np.arange(3) < p)[1][:p, :p], np.intp)
-
-
-def _show(q: Array) -> str:
-    return "(" + ", ".join(f"{one:.9g}" for one in q) + ")"
 
 
 # -- polarisations ------------------------------------------------------------------------------------------------------
@@ -237,13 +228,9 @@ def _given_polarisation(operator: WaveOperator, polarisation: ArrayLike, directi
         raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
     sizes = (len(motions.translations), motions.count)
     if given.ndim != 1 or given.size not in sizes or not np.any(given):
-        raise InputError(
-            message(
-                f"the polarisation is {brief(polarisation)}",
-                f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {', '.join(motions.letters)}",
-                f"Give these, not all zero, or one of {', '.join(_NAMES)}",
-            )
-        )
+        why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {', '.join(motions.letters)}"
+        mend = f"Give these, not all zero, or one of {', '.join(_NAMES)}"
+        raise InputError(message(f"the polarisation is {brief(polarisation)}", why, mend))
     rows = np.zeros((1, motions.count))
     given = given / np.max(np.abs(given))
     rows[0, : given.size] = given / np.linalg.norm(given)

@@ -20,8 +20,10 @@ Index = NDArray[np.intp]
 ENDS = ("free", "walls", "periodic")
 #: relative length below which the part of a period along a direction is zero but for rounding
 _FLAT = 1e-9
-#: balls of one plane are this part of the mean diameter away from it, at most, in a lattice and in other networks
-_THICK, _THICKER = 0.25, 0.45
+#: greatest distance of the balls of one plane from it, in mean diameters, in a lattice
+_THICK = 0.25
+#: the same in a network of no lattice
+_THICKER = 0.45
 #: greatest number of directions that are compared for a message
 _MANY = 40_000
 
@@ -102,14 +104,9 @@ class Course:
         cell = f". The cell is {sides} m long along it, and the greatest common measure counts" if " and " in sides else ""
         # where vectors of the cell go equally far along the direction, that length is the period
         longer = "a longer array" if not cell else "an array whose numbers of cells make these lengths equal"
-        raise InputError(
-            message(
-                f"planes across ({shown}) {closes} in this periodic network",
-                f"{why}: {least:.6g} m are needed{cell}",
-                f"Take a shorter distance, {longer}, or the direction {offer}" if better
-                else f"Take a shorter distance, or {longer}",
-            )
-        )  # fmt: skip
+        what, why = f"planes across ({shown}) {closes} in this periodic network", f"{why}: {least:.6g} m are needed{cell}"
+        mend = f"{longer}, or the direction {offer}" if better else f"or {longer}"
+        raise InputError(message(what, why, f"Take a shorter distance, {mend}"))
 
     def _find_better(self, least: float) -> list[tuple[list[float], float]]:
         """Return the two directions nearest to this one whose planes have a period of ``least``, with the period, m."""
@@ -142,13 +139,9 @@ class Course:
         if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
             return self
         if math.isinf(self.period):
-            raise InputError(
-                message(
-                    "there is no place for walls: the network has no period along this direction",
-                    "Walls are made where a period is cut",
-                    "Leave ends out: the network then has the ends that it has",
-                )
-            )
+            what = "there is no place for walls: the network has no period along this direction"
+            mend = "Leave ends out: the network then has the ends that it has"
+            raise InputError(message(what, "Walls are made where a period is cut", mend))
         network, cut = self.network, self.crossings != 0
         if ends == "free":
             kept = {name: getattr(network, name)[~cut] for name in network.contact_fields}
@@ -172,13 +165,9 @@ class Course:
         nearest = int(np.argmin(np.round(np.abs(away) / self.spacing, 6)))
         if abs(away[nearest]) > self.spacing:
             low, high = float(np.min(self.places[moving])), float(np.max(self.places[moving]))
-            raise InputError(
-                message(
-                    f"there is no plane of balls for the {what} at {place:.6g} m",
-                    f"Balls lie from {low:.6g} to {high:.6g} m along the direction",
-                    "Take a shorter distance, or a longer array",
-                )
-            )
+            why = f"Balls lie from {low:.6g} to {high:.6g} m along the direction"
+            mend = "Take a shorter distance, or a longer array"
+            raise InputError(message(f"there is no plane of balls for the {what} at {place:.6g} m", why, mend))
         thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
         return moving[np.abs(self._find_offset(away - away[nearest])) <= thick]
 

@@ -1,25 +1,38 @@
-"""Linear dynamics of a network that a force pushes, in time, to rounding.
+"""Linear dynamics in time of a network that a force pushes, to rounding.
 
 The mass-weighted motions x of a network obey x'' + tau D x' + D x = b s(t), where b says which balls are pushed and s(t) is
 a tone burst. Every response at a time t is a function of D applied to b, and an entire one: it is expanded in Chebyshev
 polynomials T_n(y) of y = 2 D / top^2 - 1 (:mod:`granphon.waves.chebyshev`). So all times share one recursion. What a
 receiver r hears needs the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response is that
 of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts enters through that number only.
+
+Where the normal and the tangential motion of contacts are damped differently, the damping C = A^T tau A, with a time tau for
+each kind of deformation, is no function of D, and modes exchange energy (:class:`ViscousPropagation`). The equations of
+first order for z = (omega_top x, x', source),
+
+    z' = L z,    source = alpha (cos omega_j t, sin omega_j t),
+
+do not contain the time explicitly: the waves that a burst consists of are part of z. Their propagator is expanded in
+polynomials P_n = i^n T_n(X/i), X = (L + c/2)/R, made by P_n+1 = 2 X P_n + P_n-1, with Bessel functions J_n(R t) as
+coefficients (the expansion of exp(R t X) by Jacobi and Anger). c bounds the damping and R the frequencies. Polynomials grow
+where damping is strong, so a record is divided into spans, each so short that no digit is lost.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
+from scipy.special import jv
 
-from granphon.base.errors import InstabilityError, message
+from granphon.base.errors import InstabilityError
 from granphon.waves.chebyshev import polynomials
+from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
@@ -36,6 +49,14 @@ _CRITICAL = 1e-10
 _NEAR = 1e-2
 #: relative growth of a polynomial's norm, which is never above that of its start, beyond rounding
 _GROWTH = 1e-6
+#: the longest span of a record with uneven damping, in units of 2/c
+_DECAY = 6.0
+#: the same in units of 1/R
+_PHASE = 400.0
+#: size of the terms that are left out
+_LEAST = 1e-17
+#: size of the source in z: large against the force, so that it couples little
+_LARGE = 10.0
 
 
 @dataclass(frozen=True)
@@ -188,7 +209,7 @@ class Propagation:
     # -- recursion ------------------------------------------------------------------------------------------------------
 
     def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
-        """Return what receivers hear, and the motions of all balls.
+        """Return what receivers hear, and the motions of all balls, from one recursion.
 
         Parameters
         ----------
@@ -203,69 +224,35 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        moments, displaced, moving = self.run(listen, frames)
-        return self.hear(moments, times), displaced, moving
-
-    def run(self, listen: Callable[[Array], Array], frames: Array) -> tuple[Array, Array, Array]:
-        """Do the recursion, once.
-
-        Parameters
-        ----------
-        listen : takes a vector (size,), and returns the numbers (n_r,) of receivers: linear.
-        frames : (n_f,) times at which the motions of all balls are wanted, s.
-
-        Returns
-        -------
-        moments : (order, n_r) what receivers hear of T_n b.
-        displacements, velocities : (n_f, size), mass-weighted, at the ``frames``.
-
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
-        """
-        size, order = self.push.size, self.order
-        forms = np.concatenate([self._coefficients(frames, self._waves.displacement),
-                                self._coefficients(frames, self._waves.velocity)])  # fmt: skip
+        size, order, waves = self.push.size, self.order, self._waves
+        # coefficients of the polynomials in the displacements, then the velocities, at the few times of the frames
+        values = np.zeros((order, 2 * frames.size))
+        responses = [self._respond(frames, weights).T for weights in (waves.displacement, waves.velocity)]
+        np.add.at(values, waves.node, np.hstack(responses))
+        forms = dct(values.T, type=2, axis=1) / order
+        forms[:, 0] *= 0.5
+        # the polynomials T_n b: the moments that receivers hear of them, and their sums
         states = np.zeros((len(forms), size))
-        moments, most = [], np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        heard, most = [], np.linalg.norm(self.push) * (1.0 + _GROWTH)
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
-        for n, vector in self._polynomials():
-            moments.append(listen(vector))
+        for n, vector in zip(range(order), polynomials(self.operator, self.push), strict=False):
+            heard.append(listen(vector))
             row = n % len(block)
             block[row] = vector
             if row == len(block) - 1 or n == order - 1:
                 first = n - row
                 states += forms[:, first : n + 1] @ block[: row + 1]
                 if not np.linalg.norm(vector) <= most:
-                    raise InstabilityError(
-                        message(
-                            "the network is unstable: a squared frequency is below zero",
-                            "The static forces push balls aside more than their contacts hold them",
-                            "Use a lower load, or a network without prestress",
-                        )
-                    )
-        return np.array(moments), states[: frames.size], states[frames.size :]
-
-    def _polynomials(self) -> Iterator[tuple[int, Array]]:
-        return zip(range(self.order), polynomials(self.operator, self.push), strict=False)
-
-    def _coefficients(self, times: Array, weights: Complex) -> Array:
-        """Return the coefficients (n_t, order) of responses at few times."""
-        values = np.zeros((self.order, times.size))
-        np.add.at(values, self._waves.node, self._respond(times, weights).T)
-        found = dct(values.T, type=2, axis=1) / self.order
-        found[:, 0] *= 0.5
-        return np.asarray(found)
-
-    def hear(self, moments: Array, times: Array) -> Array:
-        """Return the velocities (n_r, n_t) that receivers with these ``moments`` (order, n_r) have at even ``times``."""
-        waves = self._waves
-        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes
-        weight = dct(moments, type=3, axis=0)[waves.node] / self.order * waves.velocity[:, None]
-        found = np.empty((times.size, moments.shape[1]))
+                    raise InstabilityError(UNSTABLE)
+        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the velocities at all times
+        moments = np.array(heard)
+        weight = dct(moments, type=3, axis=0)[waves.node] / order * waves.velocity[:, None]
+        signals = np.empty((times.size, moments.shape[1]))
         during = int(np.count_nonzero(times < self.burst.duration))
         rows = max(1, _BLOCK // waves.rate.size)
         for first in range(0, during, rows):
             here = slice(first, min(first + rows, during))
-            found[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
+            signals[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
         if during < times.size:
             weight *= self._after[:, None]
             apart = times[during : during + rows] - times[during]
@@ -273,5 +260,97 @@ class Propagation:
             for first in range(during, times.size, rows):
                 here = slice(first, min(first + rows, times.size))
                 begin = np.exp(waves.rate * (times[first] - self.burst.duration))
-                found[here] = np.real(later[: found[here].shape[0]] @ (begin[:, None] * weight))
-        return np.asarray(found.T)
+                signals[here] = np.real(later[: signals[here].shape[0]] @ (begin[:, None] * weight))
+        return signals.T, states[: frames.size], states[frames.size :]
+
+
+class ViscousPropagation:
+    """Responses of a network to a burst that pushes ``push``, as in :class:`granphon.waves.propagation.Propagation`.
+
+    Parameters
+    ----------
+    operator : D.
+    push : (size,) mass-weighted forces, N/kg^1/2, that the burst multiplies.
+    burst : the force in time.
+    damping : times tau of normal motion (elongation), and of all other deformations, s.
+    """
+
+    def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: tuple[float, float]) -> None:
+        self.operator, self.burst = operator, burst
+        times = [damping[row.kind != "elongation"] for row in operator.rows]
+        root = operator.root
+        lag = np.repeat(times, root.shape[0] // len(times))
+        self._viscous = (root.T.tocsr() @ root.multiply(lag[:, None]).tocsr()).tocsr()
+        self._shift = float(0.5 * max(damping) * operator.top**2)
+        amplitudes, self._omegas = burst.waves
+        self._radius = max(operator.top, float(np.max(self._omegas)))
+        self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius
+        # the burst is the imaginary part of the sum of amplitude (cos + i sin)
+        parts = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
+        self._push, self._parts = push, parts / self._alpha
+
+    def _apply(self, z: Array) -> Array:
+        """Return X z."""
+        size, top, found = self._push.size, self.operator.top, np.empty_like(z)
+        x, v, source = z[:size], z[size : 2 * size], z[2 * size :]
+        found[:size] = top * v
+        found[size : 2 * size] = (self._parts @ source) * self._push - self._viscous @ v - (self.operator @ x) / top
+        cosine, sine = np.split(source, 2)
+        found[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
+        found += self._shift * z
+        found /= self._radius
+        return found
+
+    @cached_property
+    def _span(self) -> float:
+        return min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
+
+    def _count_terms(self, span: float) -> int:
+        """Return the number of polynomials beyond which all terms are below :data:`_LEAST`."""
+        phase, part = self._radius * span, self._shift / self._radius
+        n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
+        sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(part), 700.0))
+        return int(np.flatnonzero(sizes > _LEAST)[-1]) + 2
+
+    def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
+        """Return what receivers hear, and the motions of all balls; see :meth:`Propagation.follow`."""
+        size, end = self._push.size, max(float(times[-1]), float(np.max(frames, initial=0.0)))
+        z = np.zeros(2 * size + 2 * self._omegas.size)
+        z[2 * size : 2 * size + self._omegas.size] = self._alpha
+        signals = np.zeros((times.size, listen(z[:size]).size))
+        displaced, moving = np.zeros((frames.size, size)), np.zeros((frames.size, size))
+        first, switched = 0.0, False
+        while first < end:
+            last = min(first + self._span, end)
+            if not switched and last >= self.burst.duration:
+                last, switched = self.burst.duration, True
+            heard = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
+            seen = np.flatnonzero((frames > first) & (frames <= last))
+            z, signals[heard], states = self._advance(z, listen, times[heard] - first, frames[seen] - first, last - first)
+            displaced[seen], moving[seen] = states[:, :size] / self.operator.top, states[:, size : 2 * size]
+            if last == self.burst.duration:
+                z[2 * size :] = 0.0
+            first = last
+        return signals.T, displaced, moving
+
+    def _advance(
+        self, z: Array, listen: Callable[[Array], Array], times: Array, frames: Array, span: float
+    ) -> tuple[Array, Array, Array]:
+        """Return z after the ``span``, signals (n_t, n_r) at ``times``, and z (n_f, ...) at ``frames``."""
+        size, count = self._push.size, self._count_terms(span)
+        n = np.arange(count)
+        when = np.concatenate([[span], frames, times])
+        forms = np.where(n, 2.0, 1.0) * jv(n, self._radius * when[:, None]) * np.exp(-self._shift * when)[:, None]
+        whole, parts = forms[: 1 + frames.size], forms[1 + frames.size :]
+        states, signals = np.zeros((len(whole), z.size)), np.zeros((times.size, listen(z[:size]).size))
+        previous, current = z, self._apply(z)
+        for order in range(count):
+            for state, factor in zip(states, whole[:, order], strict=True):
+                if factor:
+                    state += factor * previous
+            signals += parts[:, order, None] * listen(previous[size : 2 * size])
+            following = self._apply(current)
+            following *= 2.0
+            following += previous
+            previous, current = current, following
+        return states[0], signals, states[1:]

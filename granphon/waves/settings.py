@@ -15,6 +15,8 @@ from granphon.base.validation import Rule, choice, each, number, require, whole
 WAVES = ("dos", "spectrum", "pulse")
 #: polarisations of the waves of a spectrum
 POLARISATIONS = ("longitudinal", "transverse", "rotational")
+#: Chebyshev moments of a spectrum, if none are given: a resolution of 0.6 % of the top frequency
+MOMENTS = 256
 #: readings of the signal of a pulse in a period of its burst
 READINGS = 24
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")

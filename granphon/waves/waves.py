@@ -16,12 +16,11 @@ from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import find_network_warnings
 from granphon.waves.array_operator import make_operator
 from granphon.waves.dos import SpectralDensity, find_dos
-from granphon.waves.eigenpairs import require_stable
-from granphon.waves.modes import NetworkModes, find_modes
+from granphon.waves.modes import NetworkModes, find_modes, require_stable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import nearest_wavevectors
+from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse
-from granphon.waves.sending import PulseSource, transmit
 from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
 
 Array = NDArray[np.float64]
@@ -227,16 +226,7 @@ def _find_network(source: Any) -> ContactNetwork:
         return network
     if hasattr(source, "contact_network") and hasattr(source, "packing"):
         several = "" if not source.samples else ", or one of its samples, as in gp.Waves(state.samples[0])"
-        raise InputError(
-            message(
-                "a state is of a lattice without end",
-                "Waves are of an array of some cells",
-                f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}",
-            )
-        )
-    raise InputError(
-        message(
-            f"there is no network of contacts in {brief(source)}",
-            mend="Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin",
-        )
-    )
+        mend = f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}"
+        raise InputError(message("a state is of a lattice without end", "Waves are of an array of some cells", mend))
+    mend = "Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin"
+    raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))

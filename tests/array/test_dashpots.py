@@ -29,7 +29,9 @@ def kick(paths, state, far):
 )
 @pytest.mark.parametrize("by_force", [False, True])
 def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, shape, mu, by_force):
-    paths = history(shape, mu, lattice=lattice, seed=1)
+    # an array in which no contact begins to slide within the steps from here on: it would change forces to first order. In
+    # the arrays of the seeds 1 to 4 the distance falls by 2.5 to 30 with a quarter of the step, in most by more than 8
+    paths = history(shape, mu, lattice=lattice, seed=3)
     trail, off, taken = run(paths, ramp(0.5, 0.7, steps=6))[-2:], [], []
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]

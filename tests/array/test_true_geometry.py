@@ -933,6 +933,17 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
 
 
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (12, 12)), ("fcc", (4, 4, 4))])
+def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, shape):
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice)
+    sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
+    factorised = sample.elastic_tensor
+    monkeypatch.setattr(true_response, "is_small", lambda frame: False)
+    iterated = dataclasses.replace(sample).elastic_tensor
+    np.testing.assert_allclose(iterated, factorised, rtol=0.0, atol=1e-12 * np.max(factorised))
+    assert not np.array_equal(iterated, factorised)
+
+
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (6, 6)), ("fcc", (3, 3, 3))])
 @pytest.mark.parametrize("width", [1e-9, 4e-6])
 def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lattice, shape, width):

@@ -17,9 +17,8 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
-from granphon.dynamics.modes import Modes
-from granphon.media.sample_means import SampleMeans
-from granphon.media.sampled_waves import SampledWaves
+from granphon.dynamics.contact_lattice import Modes
+from granphon.media.sampled_state import SampledState
 from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
 from granphon.observables.velocities import AveragedModuli, Moduli, SoundVelocities
@@ -281,7 +280,7 @@ def test_every_class_is_among_them(every):
     def below(cls):
         return {cls, *(one for sub in cls.__subclasses__() for one in below(sub))}
 
-    ours = {cls for cls in below(Result) if cls.__module__.startswith("granphon.")} - {Result, SampleMeans, SampledWaves}
+    ours = {cls for cls in below(Result) if cls.__module__.startswith("granphon.")} - {Result, SampledState}
     assert ours == set(every)
 
 
@@ -355,6 +354,13 @@ def test_copies_and_pickles_are_equal_and_read_only():
     assert state != gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 3.0])
     assert state != 3
     assert len(repr(gp.Phonons(state[0]).bands(npoints=51))) < 1000
+
+
+def test_a_result_prints_its_numbers_and_their_units():
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
+    moduli = gp.moduli(state)
+    assert repr(moduli).endswith(f"isotropic=yes, cubic=no, bulk={moduli.bulk:.6g} Pa, shear={moduli.shear:.6g} Pa)")
+    assert repr(state).startswith("ContactState(packing=Packing, medium=ala, force=18.446 N, overlap=1.93925e-06 m, ")
 
 
 def test_a_refusal_goes_on_with_what_is_no_sentence_of_its_own():

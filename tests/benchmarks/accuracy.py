@@ -37,8 +37,8 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.accuracy import compute_form_coefficients
+from granphon.media.candidates import even_shape
 from granphon.media.simulation import SimulatedState
-from granphon.media.sizes_and_times import even_shape
 from granphon.media.state import ContactState
 from granphon.tradeoffs.ensemble import observe
 
@@ -404,19 +404,19 @@ def trials(
                 for index, tolerance in itertools.product(range(loads), TOLERANCES):
                     case = lattice, label, float(truth.forces[index]), balls.mindlin_ratio, kind, tolerance
                     try:
-                        (rung,) = gp.AutoMedium(balls, tolerance).rungs(kind, given[index])
+                        (serving,) = gp.AutoMedium(balls, tolerance).choose(kind, given[index])
                     except gp.GranphonError:
                         yield Trial(*case, "")
                         continue
-                    medium = rung.medium.of(balls)
+                    medium = serving.medium.of(balls)
                     if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
                         yield Trial(*case, "")
                         continue
                     # one medium serves several tolerances
-                    if (index, rung.medium) not in tried:
+                    if (index, serving.medium) not in tried:
                         found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
-                        tried[index, rung.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
-                    yield Trial(*case, rung.medium.name, float(rung.errors[0]), tried[index, rung.medium])
+                        tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
+                    yield Trial(*case, serving.medium.name, float(serving.errors[0]), tried[index, serving.medium])
 
 
 def held_back(lattice: str, side: int, samples: int) -> None:

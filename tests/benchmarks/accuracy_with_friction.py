@@ -53,8 +53,8 @@ from granphon.balls.diameters import Spread
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.media.accuracy import compute_form_coefficients
+from granphon.media.candidates import even_shape
 from granphon.media.simulation import SimulatedState
-from granphon.media.sizes_and_times import even_shape
 
 Array = NDArray[np.float64]
 #: friction coefficients of the table, and Poisson ratios, which give eta
@@ -289,18 +289,18 @@ def try_tolerances(truth: MediumBase, right: Array, mu: float, response: str) ->
         for tolerance in TOLERANCES:
             for index in range(len(given)):
                 try:
-                    (rung,) = gp.AutoMedium(balls, tolerance, **options).rungs(kind, given[index])
+                    (serving,) = gp.AutoMedium(balls, tolerance, **options).choose(kind, given[index])
                 except gp.GranphonError:
                     continue
-                medium = rung.medium.of(balls)
+                medium = serving.medium.of(balls)
                 if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
                     continue  # the truth has not enough more balls to judge it
-                if (index, rung.medium) not in tried:
+                if (index, serving.medium) not in tried:
                     found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
-                    tried[index, rung.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
+                    tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
                 loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
-                name = "simulation, loaded with friction" if loaded else rung.medium.name
-                yield Trial(name, float(rung.errors[0]), tried[index, rung.medium])
+                name = "simulation, loaded with friction" if loaded else serving.medium.name
+                yield Trial(name, float(serving.errors[0]), tried[index, serving.medium])
 
 
 def held_back(lattice: str, loads: int = 4) -> None:

@@ -22,7 +22,7 @@ from granphon.balls.distributions import NormalShape, Shape, UniformShape
 from granphon.dynamics.local_field import _compute_local_field, _find_operations, local_field
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
-from granphon.tradeoffs.references import balance
+from tests.references import balance
 
 XI = local_field(mindlin_ratio=0.84).xi
 SHAPES: dict[str, Shape] = {"uniform": UniformShape(), "normal": NormalShape(3.0)}

@@ -3,7 +3,9 @@
     python tests/benchmarks/bench_exact.py [--json FILE] [--repeats N] [--only PART ...]
 
 The exit code is 1 if a bound is missed. Balls of W/d = 2.55e-4, spread uniformly, rest under a given overlap. The time of an
-exact equilibrium includes that of the lattice's from which it begins. The response is that of the stiffness.
+exact equilibrium includes that of the lattice's from which it begins. The response is that of the stiffness. The part
+``limit`` has W/d = 1e-7, where both have the same equilibria, and begins the exact one at the sites: its ratios, without a
+bound, say what one solver for both geometries would cost.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.stencils import Stencils
 from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
+from granphon.balls.lattices import find_lattice
 
 SIZES = (64, 128, 256)
 SPACINGS = (1.5, 1.0, 0.8, 0.7, 0.6, 0.5, 0.45, 0.4)
@@ -62,7 +65,28 @@ def compare(length: int) -> Part:
     return part
 
 
-PARTS: dict[str, Part] = {f"exact-{length}": compare(length) for length in SIZES}
+def compare_limit(repeats: int) -> list[Row]:
+    """The exact solver alone, from the sites, in the limit of small width."""
+    rows = []
+    for lattice, shape in (("triangular", (64, 64)), ("triangular", (128, 128)), ("fcc", (12, 12, 12))):
+        x, stencils = gp.Uniform(1.0).sample(shape, 0), Stencils(shape, lattice=find_lattice(lattice))
+        x -= np.mean(x)
+        for spacing in (1.0, 0.7):
+            load, times = ReducedLoad(overlap=spacing - 0.5), []
+            sites = Equilibrium(x, spacing - 0.5, np.zeros((stencils.n_fields, *shape)), lattice=stencils.lattice)
+            for _ in range(repeats):
+                marks = [time.process_time()]
+                equilibrate(x, load, stencils)
+                marks.append(time.process_time())
+                equilibrate_exactly(x, load, 1e-7, stencils, sites)
+                times.append(np.diff([*marks, time.process_time()]))
+            limit, exact = np.median(times, axis=0).tolist()
+            name = f"{lattice} {'x'.join(map(str, shape))}, a* = {spacing:g}: exact, from the sites"
+            rows.append(Row(name, exact / limit, "", note=f"{exact:.3g} s against {limit:.3g} s"))
+    return rows
+
+
+PARTS: dict[str, Part] = {f"exact-{length}": compare(length) for length in SIZES} | {"limit": compare_limit}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the exact geometry", PARTS))

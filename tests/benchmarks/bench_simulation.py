@@ -87,7 +87,7 @@ def clocks() -> Array:
 
 def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
     """At a* = 1, and what an iteration of conjugate gradients cost on both clocks, its share of their beginning included."""
-    solve, spent = module.solve_by_conjugate_gradients, np.zeros(2)
+    solve, spent = module.solve_for_motion, np.zeros(2)
 
     def timed(*arguments: Any, **more: Any) -> object:
         nonlocal spent
@@ -96,7 +96,7 @@ def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
         spent += clocks() - start
         return found
 
-    with mock.patch.object(module, "solve_by_conjugate_gradients", timed):
+    with mock.patch.object(module, "solve_for_motion", timed):
         state = equilibrate(x, ReducedLoad(overlap=0.5), stencils)
     return state, spent / state.conjugate
 

@@ -54,7 +54,7 @@ def waves(repeats: int) -> list[Row]:
     """Densities of states of a hundred thousand balls against rivals, products of arrays, and a million balls alone."""
     from scipy.sparse import eye_array
 
-    from granphon.waves.kernel import Kernel
+    from granphon.waves.chebyshev import Kernel
 
     ours = array(SIDE)
     operator = ours.operator

@@ -26,12 +26,12 @@ HERE = Path(__file__).resolve().parent
 
 #: costly functions, by module and qualified name: they are counted however they were imported
 WATCHED = {
-    ("granphon.laws.collocation", "solve_curve"): "effective medium",
+    ("granphon.laws.effective", "solve_curve"): "effective medium",
     ("granphon.dynamics.local_field", "_compute_local_field"): "local field",
     ("granphon.phonons.force_constants", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
-    ("granphon.dynamics.modes", "ContactLattice.modes"): "modes",
+    ("granphon.dynamics.contact_lattice", "ContactLattice.modes"): "modes",
     ("granphon.array.equilibrium", "equilibrate"): "equilibria",
     ("granphon.array.response", "elasticity"): "linear responses",
     ("matplotlib.figure", "Figure.savefig"): "figures",

@@ -26,7 +26,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 
 #: ratios of slip, twist and roll: shear alone, and all of them
 SHEAR, EVERY = (0.84, 0.0, 0.0), (0.84, 0.07, 0.03)

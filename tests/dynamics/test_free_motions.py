@@ -15,7 +15,7 @@ import granphon as gp
 from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, OUT_OF_PLANE
 from granphon.dynamics.blocks import find_blocks
-from granphon.dynamics.wave_rows import bend, bend_slope
+from granphon.dynamics.rows import bend, bend_slope
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 #: directions without symmetry

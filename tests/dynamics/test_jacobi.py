@@ -113,7 +113,7 @@ def counts(monkeypatch):
 
 def factors(lattice, q):
     """K^1/2 C M^-1/2, or its stand-in under prestress."""
-    return factorise(lattice._compute_frame_matrix(q)) if lattice.is_prestressed else lattice._compute_real_rows(q)
+    return factorise(lattice._compute_frame_matrix(q)) if lattice.is_prestressed else lattice._deforming.compute_rows(q)
 
 
 def kagome(scales, **terms):
@@ -218,7 +218,7 @@ def test_cells_of_many_balls_keep_every_digit_near_gamma(m, n, size, counts):
 def test_vectors_near_an_avoided_crossing_lose_what_the_gap_takes(part):
     # kagome on K-M, where two branches come within 0.1 % of the highest frequency of each other
     lattice = gp.ContactLattice.of("kagome", 2 * (1 - 0.276) / (2 - 0.276))
-    a = lattice._compute_real_rows(lattice.wavevectors([[1 / 3 + part / 2, 1 / 3 - part]]))
+    a = lattice._deforming.compute_rows(lattice.wavevectors([[1 / 3 + part / 2, 1 / 3 - part]]))
     values, right = graded_svd(a)
     with mpmath.workdps(50):
         rows = mpmath.matrix(a[0].tolist())
@@ -235,7 +235,7 @@ def test_a_graded_matrix_that_is_singular_too(counts):
     # frictionless kagome has motions without cost at every wave vector; near Gamma sound is graded besides
     chosen = gp.ContactLattice.of("kagome", 0.84)
     loose = gp.ContactLattice(chosen.cell, chosen.positions, chosen.contacts, 0.0)
-    a = loose._compute_real_rows(np.array([[0.6, 0.8], [0.3, -0.1]]) * 1e-12)
+    a = loose._deforming.compute_rows(np.array([[0.6, 0.8], [0.3, -0.1]]) * 1e-12)
     values, right = graded_svd(a)
     expected, _ = jacobi_svd(a)
     assert counts == [2]

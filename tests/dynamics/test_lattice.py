@@ -395,8 +395,9 @@ def changed(case):
 )
 def test_rows_are_real_if_each_contact_has_an_image(case, real):
     lattice, q = changed(case), np.array([[0.9, 0.37], [1e-9, 2e-9], [0.0, 0.0]])
-    for terms in ({}, {"derivative": True}, {"prestress": True}):
-        rows, waves = lattice._compute_rows(q, **terms), lattice._compute_real_rows(q, **terms)
+    for prestress, derivative in ((False, False), (False, True), (True, False)):
+        rows = lattice._make_waves(prestress).compute_rows(q, derivative)
+        waves = lattice._make_real_waves(prestress).compute_rows(q, derivative)
         assert np.iscomplexobj(waves) is not real
         # one column is as small as q: each product against the lengths of its columns
         size = np.linalg.norm(rows, axis=1)

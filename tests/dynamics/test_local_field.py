@@ -14,6 +14,7 @@ from scipy.sparse.linalg import splu
 
 from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError, PrecisionError
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import (
     LocalField,
     _average_response,
@@ -22,7 +23,6 @@ from granphon.dynamics.local_field import (
     local_field,
     paper_local_field,
 )
-from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.zone_quadrature import divide_zone
 
 ROOT3 = np.sqrt(3.0)

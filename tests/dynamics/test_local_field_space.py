@@ -176,8 +176,8 @@ def test_the_table_of_the_page(name):
 @pytest.mark.claim("local-field-space")
 @pytest.mark.parametrize(("name", "eta"), VALUES)
 def test_more_points_change_nothing(name, eta):
+    from granphon.dynamics.contact_lattice import ContactLattice
     from granphon.dynamics.local_field import _average_response, _divide_by_symmetry
-    from granphon.dynamics.modes import ContactLattice
 
     medium = ContactLattice.of(name, eta)
     finer = 1.0 / float(_average_response(medium, _divide_by_symmetry(medium, 16))[0]) - 1.0

@@ -16,7 +16,7 @@ from granphon.balls.contact_table import find_contacts
 from granphon.balls.lattices import KAGOME, TRIANGULAR
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, select_motions
 from granphon.dynamics.compatibility import GYRATION, Compatibility
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.phonons.force_constants import contact_blocks
 
@@ -234,7 +234,7 @@ def test_dynamical_matrix_of_six_motions_against_vectors_in_space(name, rough):
         assert_allclose(found[k], expected(one), atol=3e-13)
     if not rough:  # static forces may buckle a plane
         assert_allclose(lattice.frequencies(q) ** 2, np.linalg.eigvalsh(found), atol=1e-12)
-    rows = lattice._compute_real_rows(q)
+    rows = lattice._deforming.compute_rows(q)
     assert np.isrealobj(rows) is (not rough or lattice.n_balls == 1)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granphon.balls.lattices import LATTICES, find_lattice
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import divide_zone, find_symmetries, shortest_vectors
 
 NAMES = sorted(LATTICES)

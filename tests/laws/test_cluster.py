@@ -15,8 +15,8 @@ from granphon.base import threads
 from granphon.base.errors import InputError, MechanismError, PrecisionError, SceneError
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import local_field
+from granphon.laws import cluster as curves
 from granphon.laws import cluster_balance as balances
-from granphon.laws import cluster_curve as curves
 from granphon.laws import cluster_descent as descents
 from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_balance import ClusterBalance, Effective
@@ -616,6 +616,6 @@ def test_automatic_media_leave_it_out(lattice):
     chosen = set()
     for tolerance in (0.01, 0.02, 0.05):
         for load in np.geomspace(0.1, 3.0, 5) * FORCE:
-            chosen |= {rung.medium.name for rung in gp.AutoMedium(packing, tolerance).rungs("force", load)}
+            chosen |= {serving.medium.name for serving in gp.AutoMedium(packing, tolerance).choose("force", load)}
     assert "cluster" not in chosen
     assert "simulation" in chosen

@@ -23,10 +23,10 @@ import granphon as gp
 from granphon.balls.distributions import NormalShape, PointShape, UniformShape
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
-from granphon.laws import collocation
-from granphon.laws.effective import DensityAverages, EffectiveLaw, effective_curve
+from granphon.laws import effective
+from granphon.laws.averages import Block, PointAverages
+from granphon.laws.effective import EffectiveLaw, effective_curve
 from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE
-from granphon.laws.listed import PointAverages
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 from tests.conftest import only
 
@@ -317,9 +317,7 @@ def test_no_seam_between_steps(shape, xi):
 
 
 def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
-    points = isinstance(shape, PointShape)
-    averages = PointAverages(shape, XI[0.0]) if points else DensityAverages(shape, XI[0.0], order)
-    return collocation.solve_curve(shape, XI[0.0], averages, stages, tolerance, most)
+    return effective.solve_curve(shape, XI[0.0], stages, tolerance, most, order)
 
 
 @pytest.mark.parametrize("shape", [UNIFORM, NORMAL, LOTS["0.5 large"]], ids=["uniform", "normal", "two kinds"])
@@ -517,10 +515,10 @@ def test_long_lots_with_more_stages_and_half_the_steps(name):
 @pytest.mark.parametrize("first", [-1, 1200, 60])
 def test_sums_over_near_and_far_contacts_at_thirty_digits(first):
     # the last of these openings, all contacts closed; in the midst of the others; few contacts closed
-    shape, rule = lot(50, 7, "normal"), collocation.radau(4)
+    shape, rule = lot(50, 7, "normal"), effective.radau(4)
     ends = [*shape.openings, 20.0]
     steps = [(ends[i], 0.25 * (ends[i + 1] - ends[i]) ** 0.5, (ends[i + 1] - ends[i]) ** 0.5) for i in range(len(ends) - 1)]
-    block = collocation.Block.of(steps[first : first - 9 if first > 0 else None : -1], rule)
+    block = Block.of(steps[first : first - 9 if first > 0 else None : -1], rule.points)
     averages = PointAverages(shape, 1.0)
     balls = averages.balls(block)
     with mpmath.workdps(30):
@@ -636,7 +634,7 @@ def test_below_the_start_of_the_curve_there_is_an_error():
 
 def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
     # steps that cannot be solved: below the limit of validity the curve ends there, above it there is none
-    whole = collocation._relax
+    whole = effective._relax
 
     def until(least):
         def step(*given):
@@ -645,13 +643,13 @@ def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
 
         return step
 
-    monkeypatch.setattr(collocation, "_relax", until(1e-2))
+    monkeypatch.setattr(effective, "_relax", until(1e-2))
     for shape in (UNIFORM, LOTS["three"]):
         curve = solved(shape)
         assert 1e-2 <= curve.least_force < 1.01e-2
         assert not curve.stiffness_vanishes
         assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(curve.least_force, rel=1e-12)
-    monkeypatch.setattr(collocation, "_relax", until(1.0))
+    monkeypatch.setattr(effective, "_relax", until(1.0))
     with pytest.raises(PrecisionError, match="does not converge"):
         solved(UNIFORM)
 

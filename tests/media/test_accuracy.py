@@ -21,9 +21,10 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
-from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, Accuracy, ReferenceModel, accuracy, compute_form_coefficients
+from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, Accuracy, accuracy, compute_form_coefficients
+from granphon.media.candidates import even_shape
+from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
-from granphon.media.sizes_and_times import even_shape
 from granphon.tradeoffs.ensemble import Moments, observe
 
 WIDTH = 2e-6
@@ -368,7 +369,7 @@ def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
     for media in data["lattices"]["triangular"]["errors"]["uniform"].values():
         for name, rows in media.items():
             media[name] = (0.2 * np.array(rows)).tolist()
-    monkeypatch.setattr("granphon.media.ladder.accuracy", lambda: Accuracy(data))
+    monkeypatch.setattr("granphon.media.candidates.accuracy", lambda: Accuracy(data))
     found = [one for one in maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]) if one.medium]
     assert len(found) >= 20
     assert np.mean([one.kept for one in found]) < 0.8
@@ -439,7 +440,7 @@ def test_errors_against_a_truth_of_its_own_are_those_of_the_table(kind, medium, 
     factor = DEVIATIONS / 30.0 if medium == "simulation" else 1.0
     for mu, response in ((0.1, "slide"), (0.5, "stick"), (math.inf, RESPONSES[lattice][-1])):
         expected = np.array(errors_of_truth(mu, response, lattice)["uniform"][table][medium][-1][1:-1])
-        found = accuracy().error(medium, packing, load(packing, kind, places), balls_in_it, ReferenceModel(mu, response))
+        found = accuracy().error(medium, packing, load(packing, kind, places), balls_in_it, FrictionHistory(mu, response))
         assert_allclose(found, factor * expected, rtol=1e-6)
 
 
@@ -455,8 +456,8 @@ def test_between_friction_coefficients_the_larger_error_counts(mu, place, medium
     loads = loaded(lattice)["loads"]["force"][1:-1]
     forces = load(packing, "force", min(loads, key=lambda one: abs(math.log(one / place))))
     beside = [mu] if mu in known else [max(x for x in known if x < mu), min(x for x in known if x > mu)]
-    errors = [accuracy().error(medium, packing, forces, truth=ReferenceModel(one, response)) for one in beside]
-    assert_allclose(accuracy().error(medium, packing, forces, truth=ReferenceModel(mu, response)), max(errors), rtol=1e-9)
+    errors = [accuracy().error(medium, packing, forces, truth=FrictionHistory(one, response)) for one in beside]
+    assert_allclose(accuracy().error(medium, packing, forces, truth=FrictionHistory(mu, response)), max(errors), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -472,7 +473,7 @@ def test_above_the_table_errors_fall_as_the_response_does(lattice, response, pow
     """Slipping stiffness is lost in proportion to |T|/f, which is of the first order in the spread over the overlap."""
     packing = balls(lattice=lattice)
     forces = load(packing, "force", [10.0, 100.0])
-    errors = accuracy().error("ema", packing, forces, truth=ReferenceModel(0.2, response))
+    errors = accuracy().error("ema", packing, forces, truth=FrictionHistory(0.2, response))
     assert_allclose(errors[0] / errors[1], 10.0**power, rtol=1e-9)
 
 
@@ -494,14 +495,14 @@ def test_above_the_table_errors_fall_as_the_response_does(lattice, response, pow
     ],
 )
 def test_truths_that_are_not_covered_say_why_and_have_an_infinite_error(packing, mu, told):
-    assert told in accuracy().explain_uncovered(packing, ReferenceModel(mu))
+    assert told in accuracy().explain_uncovered(packing, FrictionHistory(mu))
     assert_array_equal(
-        accuracy().error("ema", packing, Load("force", [10.0, 1e4]), truth=ReferenceModel(mu)), [np.inf, np.inf]
+        accuracy().error("ema", packing, Load("force", [10.0, 1e4]), truth=FrictionHistory(mu)), [np.inf, np.inf]
     )
 
 
 def test_a_response_that_was_not_measured_on_a_lattice_says_which_were():
-    packing, truth = balls(lattice="fcc"), ReferenceModel(0.2, "partial_slip")
+    packing, truth = balls(lattice="fcc"), FrictionHistory(0.2, "partial_slip")
     told = "they were measured for shear_response slide and stick on this lattice, not for partial_slip"
     assert accuracy().explain_uncovered(packing, truth) == told
     assert np.isinf(accuracy().error("ema", packing, Load("force", 10.0), truth=truth))
@@ -511,9 +512,12 @@ def test_a_response_that_was_not_measured_on_a_lattice_says_which_were():
 @every_loaded
 def test_below_the_start_of_the_loading_errors_against_it_are_not_known(lattice):
     packing = balls(lattice=lattice)
-    least = accuracy().least(packing, "force", ReferenceModel(0.2))
+    truth = FrictionHistory(0.2)
+    least = accuracy().least(packing, "force", truth)
     assert least == loaded(lattice)["loads"]["force"][0] > accuracy().least(packing, "force")
-    found = accuracy().error("ema", packing, load(packing, "force", [0.99 * least, 1.01 * least]), truth=ReferenceModel(0.2))
+    found = accuracy().error(
+        "ema", packing, load(packing, "force", [0.99 * least, 1.01 * least]), truth=FrictionHistory(0.2)
+    )
     assert_array_equal(np.isinf(found), [True, False])
 
 
@@ -526,8 +530,8 @@ def test_friction_alone_is_what_a_simulation_without_it_lacks(maker, lattice, sh
     forces = load(packing, "force", [0.2, 0.5])
     options = {"shape": shape, "seed": 3, "samples": 2}
     rest = maker.numbers(gp.DirectSimulation(packing, **options).at(forces))
-    truth = ReferenceModel(0.2, "stick")
-    pressed = maker.numbers(gp.DirectSimulation(packing, **options, **truth.options, step_tolerance=1e-3).at(forces))
+    truth = FrictionHistory(0.2, "stick")
+    pressed = maker.numbers(gp.DirectSimulation(packing, **options | truth.options | {"step_tolerance": 1e-3}).at(forces))
     apart = np.max(np.abs(rest / pressed - 1.0), axis=1)
     expected = accuracy().error(FRICTIONLESS, packing, forces, truth=truth)
     assert np.all(apart < 1.5 * expected)
@@ -542,7 +546,7 @@ def test_the_documentation_has_the_errors_of_the_table(lattice):
     steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
     packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6), lattice=lattice)
     forces = load(packing, "force", [float(cell.split("=")[-1]) for cell in head.split("|")[3:-1]])
-    truths = (ReferenceModel(), ReferenceModel(0.2, "stick"), ReferenceModel(0.1, "slide"))
+    truths = (FrictionHistory(), FrictionHistory(0.2, "stick"), FrictionHistory(0.1, "slide"))
     rows = [(truth, name) for truth in truths for name in ("ala", "afa", "ema", *[FRICTIONLESS] * truth.is_loaded)]
     assert len(rows) == len(lines)
     for (truth, name), line in zip(rows, lines, strict=True):

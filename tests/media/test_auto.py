@@ -22,9 +22,9 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
+from granphon.media.candidates import even_shape
 from granphon.media.choice import MediumChoice, _sort_options, read_medium
 from granphon.media.left_out import expect_shear_deficit
-from granphon.media.sizes_and_times import even_shape
 from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.sweep import sweep
@@ -93,15 +93,15 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
     medium = gp.AutoMedium(packing, tolerance)
     if not np.all(np.any(within, axis=0)):
         with pytest.raises(InputError, match="no medium has an expected error") as error:
-            medium.rungs(kind, loads)
+            medium.choose(kind, loads)
         assert not np.any(within[:, error.value.load_index])
         return
     first = np.argmax(within, axis=0)
-    found = medium.rungs(kind, loads)
-    assert sorted(np.concatenate([rung.loads for rung in found]).tolist()) == list(range(len(loads)))
-    for rung in found:
-        assert_array_equal(first[rung.loads], options.index(rung.medium))
-        assert_array_equal(rung.errors, errors[first[rung.loads], rung.loads])
+    found = medium.choose(kind, loads)
+    assert sorted(np.concatenate([serving.loads for serving in found]).tolist()) == list(range(len(loads)))
+    for serving in found:
+        assert_array_equal(first[serving.loads], options.index(serving.medium))
+        assert_array_equal(serving.errors, errors[first[serving.loads], serving.loads])
     # the one medium of all is the first that is within it everywhere
     assert medium.serving(kind, loads) == options[int(np.argmax(np.all(within, axis=1)))]
 
@@ -135,25 +135,25 @@ def test_in_space_the_cheapest_that_is_within_the_tolerance_is_taken(rough, unit
     force = {"force": 1.0, "pressure": 8.0**0.5 / packing.diameter**2}
     spacing = np.array([10.0, 1.49, 0.66])
     loads = (spacing - 0.5) * WIDTH if kind == "overlap" else places * unit * force[kind]
-    found = gp.AutoMedium(packing, 0.01).rungs(kind, loads)
-    chosen = {int(place): rung for rung in found for place in rung.loads}
+    found = gp.AutoMedium(packing, 0.01).choose(kind, loads)
+    chosen = {int(place): serving for serving in found for place in serving.loads}
     assert [chosen[0].medium.label, chosen[2].medium.name] == ["ala", "simulation"]
     sizes = [gp.DirectSimulation(packing, chosen[2].medium.settings["shape"]).balls]
     for tolerance in (0.03, 3e-3):
-        (rung,) = gp.AutoMedium(packing, tolerance).rungs(kind, loads[2])
-        sizes.append(rung.medium.of(packing).balls if rung.medium.simulates else 0)
+        (serving,) = gp.AutoMedium(packing, tolerance).choose(kind, loads[2])
+        sizes.append(serving.medium.of(packing).balls if serving.medium.simulates else 0)
     assert sizes[1] <= sizes[0] < sizes[2]
     # four times the balls for half of the error
     assert 4.0 < sizes[2] / sizes[0] < 40.0
     with pytest.raises(InputError, match=r"of a simulation of (884,736|1,087,488) balls"):
-        gp.AutoMedium(packing, 1e-7).rungs(kind, loads)
+        gp.AutoMedium(packing, 1e-7).choose(kind, loads)
 
 
 def test_on_a_line_every_medium_is_exact(rough, unit):
     chain = replace(rough, lattice="chain")
     for kind in KINDS:
-        (rung,) = gp.AutoMedium(chain, 1e-12).rungs(kind, [1e-9, 5e-7])
-        assert (rung.medium, rung.errors.tolist()) == (MediumChoice("ala"), [0.0, 0.0])
+        (serving,) = gp.AutoMedium(chain, 1e-12).choose(kind, [1e-9, 5e-7])
+        assert (serving.medium, serving.errors.tolist()) == (MediumChoice("ala"), [0.0, 0.0])
     state = gp.AutoMedium(chain, 1e-12).at_force(3.0 * unit)
     samples = gp.DirectSimulation(chain, (64,)).at_force(3.0 * unit)
     assert_allclose(state.normal_stiffness, samples.normal_stiffness, rtol=1e-10)
@@ -173,11 +173,11 @@ def test_what_was_promised_in_space_is_kept_against_a_large_sample(rough, unit, 
     forces = np.array([0.1, 0.5, 2.0, 20.0]) * unit
     right = gp.sound_velocities(gp.DirectSimulation(packing, shape, 5).at_force(forces), directions).velocities
     for tolerance in (0.1, 0.02, 0.005):
-        for rung in gp.AutoMedium(packing, tolerance).rungs("force", forces):
-            state = rung.medium.of(packing).at_force(forces[rung.loads])
+        for serving in gp.AutoMedium(packing, tolerance).choose("force", forces):
+            state = serving.medium.of(packing).at_force(forces[serving.loads])
             found = gp.sound_velocities(state, directions).velocities
-            assert np.all(np.max(np.abs(found / right[rung.loads] - 1.0), axis=(1, 2)) <= rung.errors)
-            assert np.all(rung.errors <= tolerance)
+            assert np.all(np.max(np.abs(found / right[serving.loads] - 1.0), axis=(1, 2)) <= serving.errors)
+            assert np.all(serving.errors <= tolerance)
 
 
 def test_long_lists_are_simulated_where_that_is_cheaper(unit):
@@ -198,7 +198,7 @@ def test_a_tolerance_is_a_number_between_zero_and_one(rough, tolerance):
 
 def test_kinds_of_loads_are_named_and_finite_overlap_is_refused(rough):
     with pytest.raises(InputError, match="a side_force needs it"):
-        gp.AutoMedium(rough).rungs("side_force", 2.0)
+        gp.AutoMedium(rough).choose("side_force", 2.0)
     with pytest.raises(InputError, match="no terms of finite overlap"):
         gp.AutoMedium(rough).at_force(40.0, finite_overlap=True)
 
@@ -217,7 +217,7 @@ def test_its_state_is_that_of_the_medium_that_was_chosen(rough, kind):
 def test_a_simulation_is_chosen_and_carried_out(rough, unit):
     medium = gp.AutoMedium(rough, 0.01)
     state = medium.at_force([[0.3 * unit, 5.0 * unit]])
-    (chosen,) = {rung.medium for rung in medium.rungs("force", 0.3 * unit)}
+    (chosen,) = {serving.medium for serving in medium.choose("force", 0.3 * unit)}
     assert chosen.simulates
     assert state.samples[0].equilibrium.deviations.shape == dict(chosen.options)["shape"]
     assert state.shape == (1, 2)
@@ -228,17 +228,17 @@ def test_what_was_promised_is_kept_against_a_large_sample(rough, unit):
     forces = np.array([0.5, 2.0, 20.0]) * unit
     array = gp.sound_velocities(gp.DirectSimulation(rough, (160, 160), 5).at_force(forces)).longitudinal
     for tolerance in (0.1, 0.02, 0.01):
-        for rung in gp.AutoMedium(rough, tolerance).rungs("force", forces):
-            found = gp.sound_velocities(rung.medium.of(rough).at_force(forces[rung.loads])).longitudinal
-            assert np.all(np.abs(found / array[rung.loads] - 1.0) <= rung.errors)
-            assert np.all(rung.errors <= tolerance)
+        for serving in gp.AutoMedium(rough, tolerance).choose("force", forces):
+            found = gp.sound_velocities(serving.medium.of(rough).at_force(forces[serving.loads])).longitudinal
+            assert np.all(np.abs(found / array[serving.loads] - 1.0) <= serving.errors)
+            assert np.all(serving.errors <= tolerance)
 
 
 @pytest.mark.parametrize("lattice", ["triangular", "square", "kagome"])
 def test_equal_balls_take_the_averaged_lattice_without_an_error(steel, lattice):
     packing = gp.Packing(steel, 8e-3, lattice=lattice)
-    (rung,) = gp.AutoMedium(packing, 1e-12).rungs("force", [1e-200, 5.0])
-    assert (rung.medium, rung.errors.tolist()) == (MediumChoice("ala"), [0.0, 0.0])
+    (serving,) = gp.AutoMedium(packing, 1e-12).choose("force", [1e-200, 5.0])
+    assert (serving.medium, serving.errors.tolist()) == (MediumChoice("ala"), [0.0, 0.0])
     assert (
         gp.AutoMedium(packing).at_force(5.0).normal_stiffness == gp.AveragedLattice(packing).at_force(5.0).normal_stiffness
     )
@@ -253,14 +253,14 @@ def test_loads_that_are_none(rough, kind, bad):
 def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     loads = np.array([50.0, 0.01, 3.0]) * unit
     with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
-        gp.AutoMedium(rough, 1e-5).rungs("force", loads)
+        gp.AutoMedium(rough, 1e-5).choose("force", loads)
     best = min(
         float(one.expected_error(rough, Load("force", loads[1]))) for one in _sort_options(rough, Load("force", loads))
     )
     assert f"{best:.2g}, of a simulation of 1,048,576 balls" in str(error.value)
     assert error.value.load_index == 1
     # and that much is indeed to be had
-    assert gp.AutoMedium(rough, best).rungs("force", loads[1])
+    assert gp.AutoMedium(rough, best).choose("force", loads[1])
 
 
 def test_below_the_known_loads_it_says_from_where_they_are(rough, unit):
@@ -289,8 +289,8 @@ def pieced(packing, kind, loads, tolerance):
     """(n_loads, 2) labels and errors, load by load."""
     out = []
     for load in loads:
-        (rung,) = gp.AutoMedium(packing, tolerance).rungs(kind, load)
-        out.append((rung.medium.label, float(rung.errors[0])))
+        (serving,) = gp.AutoMedium(packing, tolerance).choose(kind, load)
+        out.append((serving.medium.label, float(serving.errors[0])))
     return out
 
 
@@ -304,8 +304,8 @@ def test_every_load_of_a_sweep_has_its_own_choice(rough, unit):
     assert chosen["choice"].values.tolist() == [label for label, _ in expected]
     assert_array_equal(chosen["expected_error"], [error for _, error in expected])
     for index, force in enumerate(forces):
-        (rung,) = gp.AutoMedium(rough, 5e-3).rungs("force", force)
-        state = rung.medium.of(rough).at_force(force)
+        (serving,) = gp.AutoMedium(rough, 5e-3).choose("force", force)
+        state = serving.medium.of(rough).at_force(force)
         assert_allclose(chosen["longitudinal"][index], gp.sound_velocities(state).longitudinal, rtol=1e-12)
         assert_allclose(chosen["exponent"][index], gp.local_exponent(state), rtol=1e-9)
     # another medium beside it has its own error
@@ -402,8 +402,8 @@ def test_bands_of_a_sweep_are_those_of_what_was_chosen(rough, unit):
     forces = [0.3 * unit, 30.0 * unit]
     ds = sweep(rough, force=forces, media={"auto": {"tolerance": 0.05}}, bands="GKMG", npoints=3)
     for index, force in enumerate(forces):
-        (rung,) = gp.AutoMedium(rough, 0.05).rungs("force", force)
-        right = gp.Phonons(rung.medium.of(rough).at_force(force)).bands("GKMG", npoints=3)
+        (serving,) = gp.AutoMedium(rough, 0.05).choose("force", force)
+        right = gp.Phonons(serving.medium.of(rough).at_force(force)).bands("GKMG", npoints=3)
         assert_allclose(ds["frequencies"][index, 0], right.frequencies, rtol=1e-6, atol=1e-6 * right.frequencies.max())
 
 
@@ -457,12 +457,12 @@ def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit,
     errors = np.array([one.expected_error(packing, Load(kind, loads), truth) for one in options])
     media = set()
     for tolerance in (0.2, 0.05, 0.01, 2e-3):
-        found = gp.AutoMedium(packing, tolerance, **HISTORY).rungs(kind, loads)
-        media |= {(rung.medium.name, rung.medium.settings.get("friction_history", False)) for rung in found}
-        for rung in found:
-            assert rung.truth == truth
-            assert np.all(rung.errors <= tolerance)
-            assert_array_equal(np.argmax(errors <= tolerance, axis=0)[rung.loads], options.index(rung.medium))
+        found = gp.AutoMedium(packing, tolerance, **HISTORY).choose(kind, loads)
+        media |= {(serving.medium.name, serving.medium.settings.get("friction_history", False)) for serving in found}
+        for serving in found:
+            assert serving.truth == truth
+            assert np.all(serving.errors <= tolerance)
+            assert_array_equal(np.argmax(errors <= tolerance, axis=0)[serving.loads], options.index(serving.medium))
     assert media >= {("ala", False), ("afa", False), ("simulation", True)}
 
 
@@ -483,10 +483,10 @@ def test_a_simulation_without_friction_is_off_by_its_chance_and_by_what_friction
     assert np.all(np.isinf(loaded.expected_error(rough, load)))
 
 
-def test_the_options_of_a_history_are_read_from_the_truth(rough):
+def test_the_options_of_a_history_are_those_of_the_truth(rough):
     auto = gp.AutoMedium(rough, 0.01, **HISTORY)
-    assert vars(auto).keys() == {"packing", "tolerance", "truth"}
-    assert {name: getattr(auto, name) for name in HISTORY} == HISTORY == auto.truth.options
+    assert {name: getattr(auto, name) for name in HISTORY} == HISTORY
+    assert {name: auto.truth.options[name] for name in HISTORY} == HISTORY
     assert repr(auto).endswith("tolerance=0.01, friction_history=True, friction_coefficient=0.2, shear_response='stick')")
     assert replace(auto, tolerance=0.1).truth == pickle.loads(pickle.dumps(auto)).truth == auto.truth
     assert replace(auto, tolerance=0.1) != auto == replace(auto)
@@ -509,7 +509,7 @@ def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice
     state = gp.AutoMedium(packing, 0.1, **history).at_force(place * unit)
     own = {"shape": shape, **history}
     alone = gp.DirectSimulation(packing, **own).at_force(place * unit)
-    assert state.chosen
+    assert state.chosen_automatically
     assert state.valid
     assert_array_equal(state.elastic_tensor, alone.elastic_tensor)
 
@@ -517,13 +517,13 @@ def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice
 def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
     auto = gp.AutoMedium(rough, 1e-6, **HISTORY)
     with pytest.raises(InputError, match=r"against arrays loaded with friction, mu = 0\.2.*1,.* balls"):
-        auto.rungs("force", 0.1 * unit)
+        auto.choose("force", 0.1 * unit)
     with pytest.raises(InputError, match=r"They are known from f\* = 0\.035 on"):
-        auto.rungs("force", 0.02 * unit)
+        auto.choose("force", 0.02 * unit)
     with pytest.raises(InputError, match=r"They are known from f\* = 0\.05 on"):
-        replace(auto, packing=replace(rough, lattice="fcc")).rungs("force", 0.04 * unit)
+        replace(auto, packing=replace(rough, lattice="fcc")).choose("force", 0.04 * unit)
     with pytest.raises(InputError, match=r"on the hcp lattice .*; they were on the triangular and fcc lattices"):
-        replace(auto, packing=replace(rough, lattice="hcp")).rungs("force", unit)
+        replace(auto, packing=replace(rough, lattice="hcp")).choose("force", unit)
     with pytest.raises(InputError, match="friction_coefficient: found -1"):
         replace(auto, friction_coefficient=-1.0)
     with pytest.raises(InputError, match="shear_response"):
@@ -548,7 +548,7 @@ def test_a_scene_names_the_friction_of_the_truth(work, capsys, truth, medium):
     assert ("friction_history=true" in summary["choice"]) == (medium == "simulation")
     assert told.endswith(summary["truth"])
     assert summary["expected_error"] <= 0.1
-    assert Scene.from_yaml("out/scene.yaml").plan.rung.medium == Scene.from_yaml("scene.yaml").plan.rung.medium
+    assert Scene.from_yaml("out/scene.yaml").plan.serving.medium == Scene.from_yaml("scene.yaml").plan.serving.medium
 
 
 # -- scenes and the command line ----------------------------------------------------------------------------------------
@@ -567,7 +567,7 @@ def test_spellings_of_a_scene(text, tolerance):
     assert scene.media == (MediumChoice("auto", (("tolerance", tolerance),)),)
     again = Scene.from_text(scene.to_yaml())
     assert again.media == scene.media
-    assert again.plan.rung.medium == scene.plan.rung.medium
+    assert again.plan.serving.medium == scene.plan.serving.medium
 
 
 @pytest.mark.parametrize(
@@ -610,10 +610,10 @@ def test_mistakes_in_a_scene(work, capsys, text, told):
 def test_a_run_says_what_was_chosen_and_what_is_expected(work, rough):
     assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
     summary = yaml.safe_load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
-    (rung,) = gp.AutoMedium(rough, 2e-3).rungs("force", 18.446)
+    (serving,) = gp.AutoMedium(rough, 2e-3).choose("force", 18.446)
     assert summary["medium"] == "auto(tolerance=0.002)"
-    assert summary["choice"] == rung.medium.label == "ema"
-    assert summary["expected_error"] == rung.errors[0]
+    assert summary["choice"] == serving.medium.label == "ema"
+    assert summary["expected_error"] == serving.errors[0]
     assert summary["units"]["expected_error"] == "1"
     assert summary["truth"] == "arrays at rest without friction"
     assert summary["longitudinal"] == gp.sound_velocities(gp.EffectiveMedium(rough).at_force(18.446)).longitudinal
@@ -649,7 +649,7 @@ def test_the_states_of_a_scene_are_those_that_were_chosen(rough):
     scene = Scene.from_text(SWEEP)
     found = dict(scene.states())
     assert [label.partition(": ")[2] for label in found] == [
-        rung.medium.label for rung in gp.AutoMedium(rough, 5e-3).rungs("force", scene.load.values)
+        serving.medium.label for serving in gp.AutoMedium(rough, 5e-3).choose("force", scene.load.values)
     ]
     assert sorted(float(f) for state in found.values() for f in state.force) == [6.0, 18.446, 90.0]
     without = dict(scene.states(simulations=False))
@@ -711,7 +711,7 @@ def test_a_scene_of_it_has_a_cost_only_if_it_simulates():
 
 def test_a_scene_of_several_states_has_no_one_choice():
     with pytest.raises(InputError, match="sweep"):
-        _ = Scene.from_text(SWEEP).plan.rung
+        _ = Scene.from_text(SWEEP).plan.serving
     with pytest.raises(SceneError, match="medium"):
         Scene.from_text(SCENE.replace("2e-3", "1e-9"))
 
@@ -727,7 +727,7 @@ def test_what_was_chosen_is_valid_and_its_medium_is_not_complained_of(rough, uni
     assert gp.validity(gp.AveragedLattice(rough).at_force(force)).warnings
     several = medium.at_force(np.array([0.3, 0.5]) * unit)
     assert several.valid.all()
-    assert several[0].chosen
+    assert several[0].chosen_automatically
     ds = sweep(rough, force=[force, 0.5 * unit], media=["ala", {"auto": {"tolerance": 0.1}}])
     assert_array_equal(ds.valid, [[False, True], [False, True]])
     assert all("auto" not in text for text in json.loads(ds.attrs["warnings"]))

@@ -284,7 +284,7 @@ def pressed(mu, shape=(20, 20), **more):
 def test_iterations_of_a_history_are_those_of_the_solver(mu, spacings, tolerance):
     medium, path = pressed(mu, step_tolerance=tolerance), np.array(spacings)
     done = medium.at_overlap((path - 0.5) * WIDTH).samples[-1].equilibrium
-    counted = count_steps(medium.loading, path, 0.5) * count_iterations(medium.balls, mu)
+    counted = count_steps(medium.history, path, 0.5) * count_iterations(medium.balls, mu)
     assert 0.25 < counted / done.conjugate < 4.0
 
 

@@ -532,13 +532,13 @@ def test_the_exponent_of_several_samples_is_that_of_their_mean_moduli(spread):
         assert state.exponent == pytest.approx(expected, abs=1e-6)
         alone = [part(state, [index]).exponent for index in range(5)]
         assert np.ptp(alone) > 1e-5
-        assert abs(np.mean(alone) - expected) > 1e-6 or not state.spaced
+        assert abs(np.mean(alone) - expected) > 1e-6 or not state.fixed_overlap
 
 
 def part(state, which):
     """The state of some of the samples under one load."""
     samples = [state.samples[index] for index in which]
-    load = Load("overlap", state.overlap) if state.spaced else Load("force", state.force)
+    load = Load("overlap", state.overlap) if state.fixed_overlap else Load("force", state.force)
     return SimulatedState.of(state.law.simulation, samples, load)
 
 
@@ -559,7 +559,7 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
 
     def exponent(step):
         monkeypatch.setattr("granphon.array.sample.STEP", step)
-        monkeypatch.setattr("granphon.media.exponents.STEP", step)
+        monkeypatch.setattr("granphon.media.sampled_state.STEP", step)
         return at(load).exponent
 
     wide, middle, narrow = (exponent(step) for step in (0.4, 0.2, 0.1))
@@ -574,7 +574,7 @@ def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
 
     def exponent(step):
         monkeypatch.setattr("granphon.array.sample.STEP", step)
-        monkeypatch.setattr("granphon.media.exponents.STEP", step)
+        monkeypatch.setattr("granphon.media.sampled_state.STEP", step)
         return at(unit_of_force(spread)).exponent
 
     curvature = (exponent(0.2) - exponent(0.1)) / (0.2**2 - 0.1**2)

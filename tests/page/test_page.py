@@ -20,7 +20,7 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError
 from granphon.cli.commands import main
-from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.choice import MediumChoice
 from granphon.page.bundle import fill_template, join_modules, read_asset
 from granphon.page.lattice_data import describe_lattice
@@ -397,7 +397,7 @@ def test_a_simulation_with_a_history_is_tabulated_from_its_start():
 def test_an_automatic_medium_is_the_one_of_the_first_load_and_the_page_says_which():
     packing, load = replace(BALLS, spread=gp.Uniform(2e-6)), Load("force", [6.0, 100.0, 200.0])
     auto = MediumChoice("auto", (("tolerance", 0.02),))
-    served = [rung.medium.name for n in range(3) for rung in auto.rungs(packing, load) if n in rung.loads]
+    served = [serving.medium.name for n in range(3) for serving in auto.choose(packing, load) if n in serving.loads]
     assert served[0] != served[2] == "ala"
     data = describe_page(packing, [auto], load, remarks=["One."])
     assert [one["name"] for one in data["media"]] == served[:1]

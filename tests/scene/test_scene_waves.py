@@ -196,7 +196,7 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
         return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
 
     scene = find(2000)
-    ((medium, wanted),) = [(rung.medium.of(rung.packing), scene.waves) for rung in scene.plan.case.rungs]
+    ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.plan.case.serving_media]
     state = gp.AveragedLattice(medium.packing).at_force(5.0)
     network = gp.ContactNetwork.from_state(state, medium.cells)
     way = find_path_points(network, ideal_lattice(medium.packing), medium.packing.diameter, wanted.path, 2000)

@@ -14,13 +14,11 @@ import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
 from granphon.networks.network import ContactNetwork
-from granphon.waves.arrivals import find_arrivals
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
-from granphon.waves.propagation import Propagation, ToneBurst
-from granphon.waves.pulses import Pulse, average_pulses
-from granphon.waves.sending import PulseSource
-from granphon.waves.viscous import ViscousPropagation
+from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
+from granphon.waves.pulse_source import PulseSource
+from granphon.waves.pulses import Pulse, average_pulses, find_arrivals
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -227,9 +225,8 @@ def test_modes_decay_in_proportion_to_their_squared_frequency(disordered, tau):
     mode, omega = vectors[:, 100], np.sqrt(squares[100])
     burst, damping = ToneBurst(0.5 * HERTZ, 2.0), tau / OMEGA
     walk = Propagation(operator, mode, burst, 40.0 / OMEGA, damping)
-    moments, *_ = walk.run(lambda vector: np.array([mode @ vector]), np.zeros(0))
     times = np.arange(0.0, 40.0 / OMEGA, 0.2 / OMEGA)
-    heard = walk.hear(moments, times)[0]
+    (heard,), *_ = walk.follow(lambda vector: np.array([mode @ vector]), times, np.zeros(0))
     later = heard[times > burst.duration + 0.2 / OMEGA]
     decay, step = 0.5 * damping * omega**2, 0.2 / OMEGA
     turn = np.emath.sqrt(omega**2 - decay**2)
@@ -337,7 +334,7 @@ def test_network_that_would_buckle_is_refused():
 @pytest.mark.parametrize(("lattice", "shape"), [("square", (3, 24)), ("kagome", (3, 16)), ("sc", (3, 3, 16))])
 def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, large, ends, monkeypatch):
     if large:  # as networks are that are too large to be factorised
-        monkeypatch.setattr("granphon.waves.eigenpairs._FACTORED", {2: 0, 3: 0})
+        monkeypatch.setattr("granphon.waves.modes._FACTORED", {2: 0, 3: 0})
     along = np.eye(len(shape))[-1]
     for friction, unstable in ((False, True), (True, False)):
         packing = gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)
@@ -428,10 +425,6 @@ def test_bad_pulses_are_refused(disordered):
         gp.Waves(ideal("square", (3, 12), 0.0)).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, polarisation="transverse")
     with pytest.raises(InputError, match="no transverse waves"):
         gp.Waves(chain(40)).transmit(0.5 * HERTZ, (1,), 8 * D, polarisation="transverse")
-    for wrong in ({"source": "side"}, {"source": 60}, {"ends": "soft"}, {"polarisation": "odd"}, {"cycles": 0.5},
-                  {"damping": -1.0}, {"duration": 0.0}, {"planes": [-1.0]}):  # fmt: skip
-        with pytest.raises(InputError, match=next(iter(wrong))):
-            waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, **wrong)
     with pytest.raises(InputError, match="not known"):
         waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D).arrival("ear")
 
@@ -572,36 +565,23 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
     assert np.isnan(stuck.arrival())
 
 
-def test_record_without_end_is_refused():
-    with pytest.raises(InputError, match=r"is read .* times"):
-        gp.Waves(ideal("triangular", (4, 24))).transmit(1e12 * HERTZ, (0, 1), 8 * D)
-    with pytest.raises(InputError, match=r"a damping of .* products"):
-        gp.Waves(ideal("triangular", (4, 24))).transmit(
-            0.5 * HERTZ, (0, 1), 8 * D, damping=0.0, tangential_damping=1e6 / HERTZ
-        )
-    with pytest.raises(InputError, match="products with the matrix"):
-        gp.Waves(ideal("triangular", (4, 24))).transmit(1e-7 * HERTZ, (0, 1), 8 * D)
-
-
 @pytest.mark.parametrize(
     ("given", "wrong"),
     [
-        ({"frequency": 1e308}, "is read more than"),
-        ({"frequency": 5e-324}, "is read more than"),
-        ({"cycles": 1e308}, "is read more than"),
-        ({"duration": 1e308}, "is read more than"),
-        ({"duration": math.inf}, "duration"),
-        ({"damping": 1e200}, "nothing moves"),
-        ({"damping": 1.7e308, "tangential_damping": 0.0}, "nothing moves"),
-        ({"distance": 1e308}, "would meet itself"),
-        ({"planes": [1e308]}, "would meet itself"),
+        ({"source": "side"}, "source"), ({"source": 600}, "source"), ({"ends": "soft"}, "ends"),
+        ({"polarisation": "odd"}, "polarisation"), ({"cycles": 0.5}, "cycles"), ({"cycles": True}, "cycles"),
+        ({"damping": -1.0}, "damping"), ({"duration": 0.0}, "duration"), ({"duration": math.inf}, "duration"),
+        ({"planes": [-1.0]}, "planes"), ({"planes": [[], 1.0]}, "planes"), ({"frames": [[], 1.0]}, "frames"),
+        ({"frequency": 10**400}, "frequency"), ({"frequency": 1e308}, "is read more than"),
+        ({"frequency": 5e-324}, "is read more than"), ({"frequency": 1e12 * HERTZ}, "is read .* times"),
+        ({"cycles": 1e308}, "is read more than"), ({"duration": 1e308}, "is read more than"),
+        ({"frequency": 1e-7 * HERTZ}, "products with the matrix"),
+        ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "a damping of .* products"),
+        ({"damping": 1e200}, "nothing moves"), ({"damping": 1.7e308, "tangential_damping": 0.0}, "nothing moves"),
+        ({"distance": 1e308}, "would meet itself"), ({"planes": [1e308]}, "would meet itself"),
         ({"planes": 1e308, "ends": "periodic"}, "Take a shorter distance"),
-        ({"planes": [[], 1.0]}, "planes"),
-        ({"frames": [[], 1.0]}, "frames"),
-        ({"frequency": 10**400}, "frequency"),
-        ({"cycles": True}, "cycles"),
     ],
-)
+)  # fmt: skip
 def test_numbers_that_no_pulse_has_are_refused(given, wrong):
     waves = gp.Waves(ideal("triangular", (4, 24)))
     with pytest.raises(InputError, match=wrong):

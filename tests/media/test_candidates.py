@@ -102,7 +102,10 @@ def test_a_choice_checks_itself():
 
 
 def test_only_one_of_them_leaves_the_choice_to_the_load():
-    assert [name for name in MEDIA if MediumChoice(name).is_automatic] == ["auto"]
+    for name in MEDIA.keys() - {"auto"}:
+        MediumChoice(name).require_fixed("a fit")
+    with pytest.raises(InputError, match="the medium 'auto' cannot be used in a fit"):
+        MediumChoice("auto").require_fixed("a fit")
     assert MediumChoice.parse({"auto": {"tolerance": 1e-3}}) == MediumChoice("auto")
     assert MediumChoice.parse({"auto": {"tolerance": 0.02}}).label == "auto(tolerance=0.02)"
 
@@ -114,10 +117,10 @@ def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(st
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     loads = np.linspace(20.0, 40.0, int(np.prod(shape))).reshape(shape)
     for name in ("ala", "afa", "ema"):
-        (rung,) = MediumChoice(name).rungs(packing, Load("force", loads))
-        assert rung.medium == MediumChoice(name)
-        assert rung.loads.tolist() == list(range(loads.size))
-        assert rung.errors.tolist() == accuracy().error(name, packing, Load("force", loads)).ravel().tolist()
+        (serving,) = MediumChoice(name).choose(packing, Load("force", loads))
+        assert serving.medium == MediumChoice(name)
+        assert serving.loads.tolist() == list(range(loads.size))
+        assert serving.errors.tolist() == accuracy().error(name, packing, Load("force", loads)).ravel().tolist()
     # that of a simulation is of all its balls
     several = MediumChoice.parse({"simulation": {"shape": (8, 16), "samples": 3}})
     expected = accuracy().error("simulation", packing, Load("force", loads), 3 * 8 * 16)
@@ -134,11 +137,11 @@ def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):
     def asked():
         raise AssertionError("nobody asked for an error")
 
-    monkeypatch.setattr("granphon.media.ladder.accuracy", asked)
+    monkeypatch.setattr("granphon.media.candidates.accuracy", asked)
     scene = gp.Scene.from_text(
         "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
         "packing: {diameter: 1 mm, spread: {uniform: 0.3 um}}\nload: {force: 1 N}\nmedium: ema\n"
     )
     assert scene.state().medium == "ema"
     with pytest.raises(AssertionError, match="nobody asked"):
-        _ = scene.plan.rung.errors
+        _ = scene.plan.serving.errors

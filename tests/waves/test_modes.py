@@ -11,7 +11,8 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
-from granphon.waves import eigenpairs, filtering
+from granphon.waves import filtering
+from granphon.waves import modes as mode_finder
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -31,15 +32,29 @@ def nearest(bands, count, target):
     return np.sort(np.abs(cost - target))[:count]
 
 
-METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6)}
+#: greatest sizes of networks whose matrices are dense, and are factorised
+METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6), "filtered": (1, 1)}
 
 
-@pytest.fixture(params=METHODS)
-def method(request, monkeypatch):
+@pytest.fixture
+def limits(monkeypatch):
+    """Set the limits of the methods: those of ``METHODS``, or a constant of the filters by its name."""
+
+    def set_limits(method=None, **constants):
+        if method is not None:
+            constants |= {"DENSE": METHODS[method][0], "_FACTORED": dict.fromkeys((1, 2, 3), METHODS[method][1])}
+        for name, value in constants.items():
+            monkeypatch.setattr(mode_finder if hasattr(mode_finder, name) else filtering, name, value)
+        if method == "filtered":  # what is filtered is not found among all modes by the dense matrix after all
+            monkeypatch.delattr(mode_finder, "_find_dense")
+
+    return set_limits
+
+
+@pytest.fixture(params=["dense", "factorised"])
+def method(request, limits):
     """Each of the two methods of networks that are not too large, for any size."""
-    dense, factored = METHODS[request.param]
-    monkeypatch.setattr(eigenpairs, "DENSE", dense)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
+    limits(request.param)
     return request.param
 
 
@@ -61,13 +76,12 @@ def test_modes_are_those_of_the_bands(method, target):
     assert np.all(flat[np.arange(14), np.argmax(np.abs(flat), axis=1)] > 0.0)
 
 
-def test_methods_agree_on_disorder(monkeypatch):
+def test_methods_agree_on_disorder(limits):
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
     waves = gp.Waves(gp.DirectSimulation(packing, shape=(10, 10), seed=3).at_force(0.2).sample)
     found = []
-    for dense, factored in METHODS.values():
-        monkeypatch.setattr(eigenpairs, "DENSE", dense)
-        monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
+    for method in ("dense", "factorised"):
+        limits(method)
         found.append(waves.modes(6))
     for other in found[1:]:
         assert other.zero_modes == found[0].zero_modes
@@ -184,11 +198,11 @@ def test_what_has_no_modes_is_refused():
             waves.modes(1, nearest=bad)
 
 
-def test_factors_miss_no_mode(monkeypatch):
+def test_factors_miss_no_mode(limits, monkeypatch):
     """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it, and more are asked for."""
     import scipy.sparse.linalg as linear
 
-    monkeypatch.setattr(eigenpairs, "DENSE", 1)
+    limits("factorised")
     network, bands = ideal(shape=(12, 12))
     plain, asked = linear.eigsh, []
 
@@ -220,12 +234,10 @@ def test_static_forces_lower_frequencies(method):
 
 
 @pytest.fixture
-def filters(monkeypatch):
-    """Modes are filtered, and not found among all by the dense matrix."""
-    monkeypatch.setattr(eigenpairs, "DENSE", 1)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
-    monkeypatch.delattr(eigenpairs, "_find_dense")
-    monkeypatch.setattr(filtering, "_STARTS", (6, 4))  # fewer than usual: the networks are small
+def filters(limits):
+    """Modes are filtered, with fewer random vectors than usual, as the networks are small; sets constants of the filters."""
+    limits("filtered", _STARTS=(6, 4))
+    return limits
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["free of forces", "prestress"])
@@ -272,11 +284,11 @@ def test_filters_find_all_modes_of_one_frequency(filters):
 
 
 @pytest.mark.exhaustive
-def test_filters_find_the_modes_at_a_gap(filters, monkeypatch):
+def test_filters_find_the_modes_at_a_gap(filters):
     """Two masses in turn, springs that differ a little: between the bands there is nothing but a mode of an end."""
     from scipy.linalg import eigvalsh_tridiagonal
 
-    monkeypatch.setattr(filtering, "_STARTS", (12,))  # many modes lie close to the end of a band
+    filters(_STARTS=(12,))  # many modes lie close to the end of a band
     masses, springs = np.tile([1.0, 2.0], 1000), np.random.default_rng(1).uniform(0.95, 1.05, 1999)
     held = np.pad(springs, 1)
     squares = eigvalsh_tridiagonal((held[:-1] + held[1:]) / masses, -springs / 2.0**0.5)
@@ -286,20 +298,20 @@ def test_filters_find_the_modes_at_a_gap(filters, monkeypatch):
     np.testing.assert_allclose(np.sort(np.abs(found - target)), nearest(exact, 5, target), rtol=1e-10)
 
 
-def test_filters_leave_out_modes_without_energy(filters, disordered, monkeypatch):
+def test_filters_leave_out_modes_without_energy(filters, disordered):
     """Random vectors A^T y, and D x where there are static forces, have no part of them."""
     waves, exact, _ = disordered
-    monkeypatch.setattr(filtering, "_ZEROS", 0)
+    filters(_ZEROS=0)
     modes = waves.modes(5)
     np.testing.assert_allclose(modes.frequencies, nearest(exact, 5, 0.0), rtol=1e-9)
     assert modes.zero_modes is None
 
 
 @pytest.mark.exhaustive
-def test_filters_leave_out_many_modes_without_energy(filters, monkeypatch):
+def test_filters_leave_out_many_modes_without_energy(filters):
     """The kagome lattice without friction has lines of balls that move at no cost, which are no modes of the result."""
     network, bands = ideal("kagome", (19, 18), 0.0)
-    monkeypatch.setattr(filtering, "_ZEROS", 24)
+    filters(_ZEROS=24)
     assert np.sum(bands < 1e-6 * bands[-1]) > 30
     modes = gp.Waves(network).modes(4)
     np.testing.assert_allclose(modes.frequencies, nearest(bands, 4, 0.0), rtol=1e-10)
@@ -307,7 +319,7 @@ def test_filters_leave_out_many_modes_without_energy(filters, monkeypatch):
 
 
 @pytest.mark.parametrize("disordered", [False], indirect=True, ids=["free of forces"])
-def test_filters_miss_no_mode(filters, disordered, monkeypatch):
+def test_filters_miss_no_mode(filters, disordered):
     """Where one mode is forgotten, what fresh vectors have left over shows it."""
     waves, exact, _ = disordered
     plain, lost, counted = filtering._solve, np.argmin(np.abs(exact - 12.3e3)), []
@@ -323,8 +335,7 @@ def test_filters_miss_no_mode(filters, disordered, monkeypatch):
         return counted[-1]
 
     missing = filtering._missing
-    monkeypatch.setattr(filtering, "_solve", forgetful)
-    monkeypatch.setattr(filtering, "_missing", count)
+    filters(_solve=forgetful, _missing=count)
     modes = waves.modes(5, 12.3e3)
     assert 0.1 < counted[0] < 5.0
     assert counted[1] < 1e-6
@@ -334,7 +345,7 @@ def test_filters_miss_no_mode(filters, disordered, monkeypatch):
 @pytest.mark.parametrize(("limit", "value"), [("_BYTES", 10**6), ("_PRODUCTS", 5000)])
 @pytest.mark.parametrize("disordered", [False], indirect=True, ids=["free of forces"])
 def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatch, limit, value):
-    monkeypatch.setattr(filtering, limit, value)
+    filters(**{limit: value})
     monkeypatch.delattr(filtering._Window, "apply")
     with pytest.raises(
         InputError, match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of"
@@ -344,12 +355,11 @@ def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatc
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("target", [None, 20e3])
-def test_filters_find_what_factors_do_in_space(target, monkeypatch):
+def test_filters_find_what_factors_do_in_space(target, limits):
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="fcc")
     waves = gp.Waves(gp.DirectSimulation(packing, shape=(12, 12, 12), seed=3).at_force(0.2).sample)
     exact = waves.modes(6, target)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
-    monkeypatch.delattr(eigenpairs, "_find_dense")
+    limits("filtered")
     modes = waves.modes(6, target)
     np.testing.assert_allclose(modes.frequencies, exact.frequencies, rtol=1e-10)
     np.testing.assert_allclose(modes.participation_ratio, exact.participation_ratio, rtol=1e-4)

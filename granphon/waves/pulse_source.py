@@ -1,7 +1,8 @@
-"""Sending a pulse through a network: a tone burst goes from a plane of balls or from one ball, and is heard on a plane.
+"""Sources of pulses: a tone burst pushes a plane of balls or one ball, and a plane of balls receives it.
 
-:class:`PulseSource` says what is sent. Where it goes is found first (:class:`Route`), from the places of balls and the
-contacts alone, so that what cannot be sent is refused before anything is simulated; then it is propagated.
+:class:`PulseSource` says what is sent. Its :class:`Route` through the network is found first, from the places of balls and
+the contacts alone, so that what cannot be sent is refused before anything is simulated; then the pulse is propagated
+(:mod:`granphon.waves.propagation`).
 """
 
 from __future__ import annotations
@@ -21,25 +22,24 @@ from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import make_operator
-from granphon.waves.eigenpairs import require_stable
+from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
-from granphon.waves.propagation import Propagation, ToneBurst
+from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.pulses import Pulse
 from granphon.waves.settings import READINGS, PulseSettings
-from granphon.waves.viscous import ViscousPropagation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-#: the record lasts this many times as long as a wave takes if balls move in proportion to a plane wave of great length
+#: duration of the record without the burst, over the flight of a long wave in which balls move in proportion
 _LATE = 3.0
-#: part of the squared bound of frequencies that a ball reaches which moves alone, and so the highest mode: nearly a half
+#: share of the squared bound of frequencies below which a frequency is surely reached: a ball that moves alone has a half
 _SURE = 0.45
 #: most products with D that a record may take
 _MOST = 2**20
 #: largest viscosity of a contact over its stiffness, times the highest frequency
 _MOST_DAMPED = 1e12
-#: largest number of times at which a pulse is heard
+#: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
 #: the mean contact force being the same, velocities and frequencies of an array of differing balls are those of the array of
 #: equal ones times a number between this and its inverse, generously
@@ -139,24 +139,29 @@ class Route:
         at_face = isinstance(wanted.source, str) and wanted.source == "plane" and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
         groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
-        _require_apart(course, sources, groups[0], length)
-        _require_joined(course.network, sources, groups[0])
+        if np.isin(groups[0], sources).any():
+            what = f"the distance of {length:.6g} m leads to the plane of the source itself"
+            why = "The receiving plane is that of the balls nearest to it"
+            raise InputError(message(what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"))
+        part = number_pieces(course.network.i, course.network.j, course.network.moving)
+        if not np.isin(part[groups[0]], part[sources]).any():
+            what = f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the receiving plane"
+            why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
+            raise InputError(message(what, why, mend))
         fastest = _estimate_velocities(course.network, along, push)
         if wanted.duration is not None:
             duration = positive("duration", wanted.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
-            if wanted.ends == "periodic":  # what runs the other way round comes later
+            if wanted.ends == "periodic":  # the pulse that runs the other way round comes later
                 away = course.find_distance(start, groups[0])
                 _require_room(course.period, away, fastest[0] / margin, burst)
                 duration = min(duration, (course.period - away) / float(fastest[0]))
         step = 1.0 / (READINGS * hertz)
         readings = duration / step if step else math.inf
         if not readings < _MOST_READINGS:
-            raise InputError(
-                message(f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than {_MOST_READINGS:,} times",
-                        mend="Use a lower frequency, fewer cycles, or a shorter distance or duration")
-            )  # fmt: skip
+            what = f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than {_MOST_READINGS:,} times"
+            raise InputError(message(what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"))
         times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
@@ -202,40 +207,35 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     _require_short(operator, route.last, max(tau, across), across != tau)
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
-    e = push[list(operator.motions.translations)]
+    axes = list(operator.motions.translations)
+    e = push[axes]
     moved = np.zeros((operator.balls.size, operator.motions.count))
     moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
-    ears = place[np.concatenate(groups)]
-    root = 1.0 / np.sqrt(course.network.masses[operator.balls[ears]])
+    receivers = place[np.concatenate(groups)]
+    root = 1.0 / np.sqrt(course.network.masses[operator.balls])
     forces = operator.vector(moved)
-    walk = (
+    propagation = (
         Propagation(operator, forces, burst, route.last, tau) if across == tau
         else ViscousPropagation(operator, forces, burst, (tau, across))
     )  # fmt: skip
-    signals, displaced, moving = walk.follow(
-        lambda vector: root * (operator.values(vector)[ears, : e.size] @ e),
+    signals, displaced, moving = propagation.follow(
+        lambda vector: root[receivers] * (operator.values(vector)[receivers, : e.size] @ e),
         route.times,
         np.concatenate([[burst.duration, route.end], route.frames]),
     )
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
+    velocities = np.zeros((len(route.frames), network.n_balls, 3))
+    for field, vector in zip(velocities, moving[2:], strict=True):
+        field[operator.balls[:, None], axes] = root[:, None] * operator.values(vector)[:, : e.size]
     far = [course.find_distance(route.start, one) for one in groups]
     heard = Pulse(
         burst.frequency, burst.cycles, course.direction, push, tau, across, far[0], route.times, burst(route.times), sources,
         groups[0], np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames,
-        np.array([_spread(operator, one) for one in moving[2:]]), echo=course.find_echo(route.start, groups[0]),
-        fastest=route.fastest,
+        np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames, velocities,
+        echo=course.find_echo(route.start, groups[0]), fastest=route.fastest,
     )  # fmt: skip
     return replace(heard, warnings=heard.judge())
-
-
-def _spread(operator: WaveOperator, state: Array) -> Array:
-    """Return the velocities (n, 3) of all balls, m/s, of a mass-weighted vector of them."""
-    network, axes, balls = operator.network, operator.motions.translations, operator.balls
-    field = np.zeros((network.n_balls, 3))
-    field[balls[:, None], list(axes)] = operator.values(state)[:, : len(axes)] / np.sqrt(network.masses[balls, None])
-    return field
 
 
 def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
@@ -298,31 +298,6 @@ def _find_sources(course: Course, source: Any) -> Index:
     return found
 
 
-def _require_apart(course: Course, sources: Index, receivers: Index, length: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the receiving plane has balls of the source."""
-    if np.isin(receivers, sources).any():
-        raise InputError(
-            message(
-                f"the distance of {length:.6g} m leads to the plane of the source itself",
-                "The receiving plane is that of the balls nearest to it",
-                f"Take a longer distance: a ball is {course.spacing:.6g} m wide",
-            )
-        )
-
-
-def _require_joined(network: ContactNetwork, sources: Index, receivers: Index) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if no chain of contacts leads from the source to the receivers."""
-    part = number_pieces(network.i, network.j, network.moving)
-    if not np.isin(part[receivers], part[sources]).any():
-        raise InputError(
-            message(
-                f"no contacts join the source and the {counted(len(receivers), 'ball')} of the receiving plane",
-                f"The balls fall into {np.max(part) + 1} parts",
-                "Use a higher load, or one of network.pieces()",
-            )
-        )
-
-
 def _require_reachable(operator: WaveOperator, hertz: float) -> None:
     """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above all modes of the network."""
     from scipy.sparse.linalg import eigsh
@@ -356,20 +331,16 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
         what = f"with a damping of {tau} nothing moves in a network whose frequencies go up to {top}"
         raise InputError(message(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most"))
     if uneven and (viscous := ratio * operator.top * duration) > _MOST:
-        raise InputError(
-            message(f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network",
-                    "Different dampings are propagated in steps of the most damped motion", "Give less, or one for both")
-        )  # fmt: skip
+        what = f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network"
+        why = "Different dampings are propagated in steps of the most damped motion"
+        raise InputError(message(what, why, "Give less, or one for both"))
     products = 0.5 * operator.top * duration
     if products > _MOST:
         record, longest = (write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top))
-        raise InputError(
-            message(
-                f"a record of {record} takes {products:.3g} products with the matrix of the network",
-                f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}",
-                "Use a higher frequency, fewer cycles, or a shorter distance or duration",
-            )
-        )
+        what = f"a record of {record} takes {products:.3g} products with the matrix of the network"
+        why = f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}"
+        mend = "Use a higher frequency, fewer cycles, or a shorter distance or duration"
+        raise InputError(message(what, why, mend))
 
 
 def _require_room(period: float, length: float, velocity: float, burst: ToneBurst) -> None:
@@ -383,14 +354,10 @@ def _require_room(period: float, length: float, velocity: float, burst: ToneBurs
         nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
         times = ((period - length) / velocity, burst.duration, length / velocity)
         end, pushed, flight = (write_quantity(one, "s", 3) for one in times)
-        raise InputError(
-            message(
-                f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over",
-                f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m long",
-                f"Use {nearer}an array of {needed:.4g} m along the direction, fewer cycles, a higher frequency, or ends: "
-                "free",
-            )
-        )
+        what = f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over"
+        why = f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m long"
+        array = f"an array of {needed:.4g} m along the direction, fewer cycles, a higher frequency, or ends: free"
+        raise InputError(message(what, why, f"Use {nearer}{array}"))
 
 
 def _estimate_velocities(network: ContactNetwork, along: Array, push: Array) -> Array:
@@ -405,8 +372,6 @@ def _estimate_velocities(network: ContactNetwork, along: Array, push: Array) -> 
     mass = float(np.sum(network.masses[network.moving]))
     own = float(push[axes] @ tensor @ push[axes])
     if not own > 0.0:
-        raise InputError(
-            message("no contact resists this polarisation in this direction", "Waves of it cost no energy",
-                    "Use friction, or another polarisation")
-        )  # fmt: skip
+        what = "no contact resists this polarisation in this direction"
+        raise InputError(message(what, "Waves of it cost no energy", "Use friction, or another polarisation"))
     return np.sqrt(np.array([own, float(np.linalg.eigvalsh(tensor)[-1])]) / mass)

@@ -1,4 +1,4 @@
-"""The averages of equation (36) over listed diameters, for many short steps at once.
+"""The averages over balls in equation (36), at the points of steps: quadratures for densities, sums for listed diameters.
 
 With n diameters the curve has n(n + 1)/2 openings, and each of the steps between them needs n sums of n powers. The forces
 of contacts whose opening lies far below a block of steps are smooth functions of y there: their sum is one polynomial for
@@ -24,10 +24,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from granphon.balls.distributions import PointShape
-from granphon.laws.collocation import Block
+from granphon.balls.distributions import PointShape, Shape
 
 Array = NDArray[np.float64]
+#: upper bound on the rounding error of k that is allowed for, relative to k
+_WORST_NOISE = 1e-8
 #: a contact is far if its overlap is at least this many times half the range of the block
 _FAR_OVERLAP = 6.0
 #: degree of the polynomials for far contacts; their errors are then 1e-15
@@ -37,6 +38,92 @@ _DEGREE = 14
 _LEAST_STEPS = 32
 #: largest number of elements in an array of near contacts
 _MOST_NEAR = 2**21
+
+
+class Block(NamedTuple):
+    """B adjoining steps in descending order, with s + 1 points on each: y = ``origin`` (B, 1) + ``root``^2 (B, s + 1).
+
+    ``middle`` and ``half`` (B, 1) are the middle and the half length of each step in the root. ``drop`` (B, s + 1) is the
+    root minus its value at the upper end of the step, without loss of digits.
+    """
+
+    origin: Array
+    middle: Array
+    half: Array
+    root: Array
+    drop: Array
+
+    @classmethod
+    def of(cls, steps: list[tuple[float, float, float]], points: Array) -> Block:
+        """Make a block from (origin, lower root, upper root) of each step, and ``points`` (s + 1,) from -1 to 1."""
+        origin, low, high = np.array(steps).T[:, :, None]
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        # the ends are taken as given, because middle - half may round: at an opening the root must be exactly zero
+        root = np.concatenate([low, (middle + half * points)[:, 1:-1], high], axis=1)
+        return cls(origin, middle, half, root, half * (points - 1.0))
+
+    @property
+    def y(self) -> Array:
+        """(B, s + 1) reduced overlap at the points."""
+        return self.origin + self.root**2
+
+
+# -- densities --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DensityAverages:
+    """Averages over the balls of a shape by quadrature of the given ``order``, for the local-field factor ``xi``."""
+
+    shape: Shape
+    xi: float
+    order: int
+
+    def count(self, block: Block) -> int:
+        """Return one: steps are long and few, and a step that must be halved would make the work on those below useless."""
+        return 1
+
+    def balls(self, block: Block) -> DensityBalls:
+        """Return the averages at the points of the block, from quadrature nodes of each point."""
+        y = block.y
+        nodes = self.shape.nodes(y, self.order)
+        force, stiffness = (of(y[..., None], nodes.positions) for of in (self.shape.force, self.shape.stiffness))
+        common, known = self.shape.force(y), self.shape.stiffness(y)
+        mean = np.sum(nodes.weights * stiffness, axis=-1)
+        # on a short step differentiation amplifies the rounding of y and of the forces, which are counted from their mean
+        amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
+        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
+        return DensityBalls(self.xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class DensityBalls:
+    """Averages by quadrature, at the points of a block.
+
+    ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force ``common``, whose derivative is
+    ``known`` (B, s + 1). ``noise`` (B,) is the rounding error to expect in the last coefficients of k, relative to k.
+    """
+
+    xi: float
+    weights: Array
+    force: Array
+    stiffness: Array
+    mean: Array
+    common: Array
+    known: Array
+    noise: Array
+
+    def balance(self, k: Array) -> tuple[Array, Array, Array]:
+        """Return G(y, k) less the force ``common``, and dG/dk, (B, s + 1); and G at the lower ends (B,)."""
+        part = 1.0 / (self.stiffness + self.xi * k[..., None])
+        share = self.weights * part
+        total = np.sum(share, axis=-1)
+        force = np.sum(share * self.force, axis=-1) / total
+        by_k = -self.xi * np.sum(share * part * (self.force - force[..., None]), axis=-1) / total
+        return force, by_k, (self.common + force)[:, 0]
+
+
+# -- listed diameters -------------------------------------------------------------------------------------------------
 
 
 class _Range(NamedTuple):
@@ -162,7 +249,7 @@ def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PointBalls:
-    """Averages by sums, as :class:`granphon.laws.collocation.Balls`: ``stiffness`` (n, B, s + 1) is K^Q at the points.
+    """Averages by sums, as :class:`DensityBalls`: ``stiffness`` (n, B, s + 1) is K^Q at the points.
 
     ``change`` and ``work`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end of the step, where F^Q is
     ``top`` (n, B).
@@ -185,7 +272,7 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return what :meth:`granphon.laws.collocation.Balls.balance` describes; forces are counted from the upper end."""
+        """Return what :meth:`DensityBalls.balance` returns, as the whole of G; forces are counted from the upper end."""
         part = 1.0 / (self.stiffness + self.xi * k)
         last = part[..., -1]
         start = self._average(last * self.top) / self._average(last)

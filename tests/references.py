@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import PointShape, Shape
-from granphon.base.arguments import not_negative, whole_number
-from granphon.base.errors import InputError, PrecisionError, message
-from granphon.dynamics.modes import ContactLattice
+from granphon.base.errors import PrecisionError, message
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.laws.spread import STIFFNESS, high_pressure_series
 
 Array = NDArray[np.float64]
@@ -48,11 +47,9 @@ def integrate_local_field(mindlin_ratio: float) -> tuple[float, float]:
     eliminated: the definition that opens the paper's appendix. In polar coordinates around Gamma, where its limit depends on
     the direction, the integrand is smooth; its symmetry leaves a twelfth of the zone, 30 degrees from Gamma-M to Gamma-K.
 
-    Raises :class:`~granphon.base.errors.InputError` if eta is below zero or not finite.
     """
     from scipy.integrate import quad
 
-    mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
     edge, error = 2.0 * math.pi / math.sqrt(3.0), 0.0  # |q| at M
 
     def along(angle: float) -> float:
@@ -132,7 +129,6 @@ def integrate_curve(
 
     Raises
     ------
-    InputError : a force is not finite and above zero.
     PrecisionError : the stiffness falls to zero above the least force, the integrator fails, or loads are so high that
         the differences of diameters are lost in rounding.
     """
@@ -140,8 +136,6 @@ def integrate_curve(
     from scipy.optimize import brentq
 
     wanted = np.asarray(force, float)
-    if wanted.ndim != 1 or not wanted.size or not np.all((wanted > 0.0) & (wanted < np.inf)):
-        raise InputError(message("force must be one row of finite numbers above zero"))
     far = high_pressure_series(shape, xi)
     top = max(far.start, 1.1 * float(np.max(wanted)) ** (2.0 / 3.0))
     k, first, least = far.value(top, STIFFNESS), float(shape.openings[0]), _LAST_FORCE * float(np.min(wanted))
@@ -247,14 +241,8 @@ def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, ch
     1e-7 or less elsewhere.
     The difference from twice the points is a fair estimate.
 
-    Raises
-    ------
-    InputError : ``edges`` is not one row of finite numbers, or ``points`` is below one.
     """
     values = np.asarray(edges, float)
-    if values.ndim != 1 or not np.all(np.isfinite(values)):
-        raise InputError(message("edges must be one row of finite frequencies"))
-    points = whole_number("points", points, 1)
     lines, squared = _Lines(lattice, check), np.where(values > 0.0, values, 0.0) ** 2
     gauss, weights = np.polynomial.legendre.leggauss(_GAUSS_LINES)
     half = 0.5 * (gauss + 1.0)

@@ -16,11 +16,9 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.figures.spectra import lines_figure
 from granphon.networks.network import ContactNetwork
-from granphon.waves.kernel import Kernel
-from granphon.waves.lines import find_lines, true_width
-from granphon.waves.moments import Moments
+from granphon.waves.chebyshev import Kernel, Moments
 from granphon.waves.plane_waves import PeriodicCell, fold_wavevectors, nearest_wavevectors
-from granphon.waves.spectral_functions import SpectralFunction
+from granphon.waves.spectral_functions import SpectralFunction, find_lines, true_width
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -229,7 +227,7 @@ def test_dos_refines_to_the_same_bits(waves, monkeypatch):
     assert waves.dos(resolution=whole.resolution, vectors=4, seed=2) == whole
     assert waves.dos(moments=20, vectors=2, seed=3) != first
     # where vectors would take too much memory they are made again
-    monkeypatch.setattr("granphon.waves.moments._KEPT", 0)
+    monkeypatch.setattr("granphon.waves.chebyshev._KEPT", 0)
     assert waves.dos(moments=20, vectors=2, seed=2).with_moments(81).with_vectors(4) == whole
 
 

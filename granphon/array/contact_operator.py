@@ -1,0 +1,280 @@
+"""C of a periodic array of contacts, its transpose, and C^T D C, without a matrix.
+
+C maps the motions of balls to the deformations of contacts. A product of a small matrix with all balls gives what the two
+ends of all contacts contribute to all deformations, another product gives the forces on balls; between them stand shifts of
+whole arrays with ghost cells (:mod:`granphon.array.halo`). Ghost cells hold images of balls, and images of contacts: so each
+ball finds all its contacts, and nothing has to be added up across the boundary. The array is worked on in parts, some layers
+of its first axis at a time, that stay in the processor's cache.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from granphon.array.halo import Halo
+
+Values = NDArray[Any]
+Index = tuple[Any, ...]
+#: bytes of what the ends of contacts contribute that are worked on at a time
+_CACHED = 2**21
+#: layers of a part, at least, over the ghost layers around it, for which work is done twice
+_LONG = 2
+#: number of products in a product of matrices up to which OpenBLAS takes one thread
+_ONE_THREAD = 2**18
+
+
+class _Workspace(NamedTuple):
+    """Views of the buffers for a part of the array; the last axis runs over the places in the flattened part.
+
+    Attributes
+    ----------
+    balls : (fields, layers, ...) motions of balls and then forces on them, with ghost cells; ``near`` are those that matter,
+        and ``images`` pairs ghost cells with those that they repeat, but for whole layers.
+    ends : (2 rows, ...) what the ends of contacts contribute to deformations.
+    contacts : (rows, layers, ...) those of the tails; deformations or tensions of all contacts take their place. ``rows``
+        are those of contacts that have an end in the part.
+    pairs : head and tail of each kind of contact.
+    gathered : a place for the tension at ball j, and the tension at ball i.
+    joined : tensions at both ends.
+    forces : forces on balls.
+    """
+
+    balls: Values
+    images: list[tuple[Values, Values]]
+    near: Values
+    ends: Values
+    contacts: Values
+    rows: Values
+    pairs: list[tuple[Values, Values]]
+    gathered: list[tuple[Values, Values]]
+    joined: Values
+    forces: Values
+
+
+class _Part(NamedTuple):
+    """Layers of the first axis that are worked on together.
+
+    ``sources`` pairs layers with their places in the workspace, ghost layers included, and ``filled`` pairs them with these
+    places among its balls. ``start`` is the place of its rows in the flattened array, ``inner`` the index of the layers.
+    """
+
+    layers: slice
+    sources: list[tuple[slice, Index]]
+    filled: list[tuple[slice, Values]]
+    start: int
+    inner: Index
+    space: _Workspace
+
+
+class ContactOperator:
+    """C of an array of ``shape`` (L1, ..., Lp) with contacts between balls some ``shifts`` of cells apart.
+
+    A deformation is ``head . x_j - tail . x_i``, x being the motions in the cells of balls j and i; ``head`` and ``tail``
+    are (rows, fields), and each group of rows has one for each contact of a cell. Motions and forces are (fields, L1, ...,
+    Lp), deformations and tensions (rows, L1, ..., Lp), at the cell of ball i. Results have the precision of what is given.
+    """
+
+    def __init__(self, shape: Sequence[int], shifts: Sequence[tuple[int, ...]], head: Values, tail: Values) -> None:
+        both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
+        halo, along = Halo(shape, both_ways), (0,) * (len(shape) - 1)
+        steps = [halo.offset(shift) for shift in shifts]
+        # the parts of all kinds of contacts are alike: one that begins in a ghost cell and leads away has a far end too
+        reach = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
+        layers = -(-reach // halo.offset((1, *along)))
+        self.shape, self.n_contacts, self.head, self.tail = tuple(shape), len(shifts), head, tail
+        self.n_rows, self.n_fields = head.shape
+        self.halo = Halo(shape, [*both_ways, (layers, *along), (-layers, *along)])
+        self._stride = self.halo.offset((1, *along))
+        self._steps = [self.halo.offset(shift) for shift in shifts]
+        self._found: dict[Any, list[_Part]] = {}
+
+    # -- parts --------------------------------------------------------------------------------------------------------
+
+    def parts(self, precision: DTypeLike) -> list[_Part]:
+        """Return the parts of the array, which share buffers of this precision."""
+        key, halo, count = np.dtype(precision), self.halo, self.shape[0]
+        if key not in self._found:
+            ghosts = halo.below[0] + halo.above[0]
+            cached = _CACHED // (2 * self.n_rows * key.itemsize * self._stride)
+            most = max(1, cached - ghosts, _LONG * ghosts)
+            step = -(-count // -(-count // most))  # parts of one length, but for the last
+            spaces = {layers: self._make_workspace(layers, key) for layers in {step, count % step or step}}
+            self._found[key] = [self._make_part(start, min(start + step, count), spaces) for start in range(0, count, step)]
+        return self._found[key]
+
+    def _make_part(self, start: int, stop: int, spaces: Mapping[int, _Workspace]) -> _Part:
+        halo, length, space = self.halo, self.shape[0], spaces[stop - start]
+        below, across, sources = halo.below[0], halo.inner[2:], []
+        at, end = start - below, stop + halo.above[0]
+        while at < end:
+            low = at % length
+            count, place = min(length - low, end - at), at - start + below
+            sources.append((slice(low, low + count), (slice(None), slice(place, place + count), *across)))
+            at += count
+        filled = [(layers, space.balls[place]) for layers, place in sources]
+        first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
+        return _Part(
+            slice(start, stop), sources, filled, first, (slice(None), slice(below, below + stop - start), *across), space
+        )
+
+    def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
+        halo, n, count = self.halo, self.n_contacts, self.n_rows
+        outer = (layers + halo.below[0] + halo.above[0], *halo.outer[1:])
+        balls, ends = np.zeros((self.n_fields, *outer), precision), np.zeros((2 * count, *outer), precision)
+        flat, flat_ends = balls.reshape(self.n_fields, -1), ends.reshape(2 * count, -1)
+        heads, tails = flat_ends.reshape(2, -1, n, flat.shape[1])
+        least, most = min(0, *self._steps), max(0, *self._steps)
+        first, end = halo.offset(halo.below), flat.shape[1] - halo.offset(halo.above)
+        low, high = first - most, end - least  # contacts that begin here have an end in this part
+        kinds = list(enumerate(self._steps))
+        return _Workspace(
+            balls=balls,
+            images=list(halo.images(balls, 1)),
+            near=flat[:, low + least : high + most],
+            ends=flat_ends[:, low + least : high + most],
+            contacts=ends[count:],
+            rows=flat_ends[count:, low:high],
+            pairs=[(heads[:, at, low + step : high + step], tails[:, at, low:high]) for at, step in kinds],
+            gathered=[(heads[:, at, first:end], tails[:, at, first - step : end - step]) for at, step in kinds],
+            joined=flat_ends[:, first:end],
+            forces=flat[:, first:end],
+        )
+
+    # -- products -----------------------------------------------------------------------------------------------------
+
+    def deform(self, balls: Values) -> Values:
+        """Return the deformations C u."""
+        out = np.empty((self.n_rows, *self.shape), balls.dtype)
+        split = np.concatenate([self.head, self.tail]).astype(balls.dtype)
+        for part in self.parts(balls.dtype):
+            stretch(split, balls, part)
+            out[:, part.layers] = part.space.contacts[part.inner]
+        return out
+
+    def pull(self, *tensions: Values) -> Values:
+        """Return the forces C^T f, for tensions that are given in parts (n, L1, ..., Lp), one after the other."""
+        return self.collect(np.concatenate([self.head, -self.tail]).T, tensions)
+
+    def collect(self, matrix: Values, contacts: Sequence[Values]) -> Values:
+        """Return (m, L1, ..., Lp) sums over the contacts of each ball: ``matrix`` (m, 2 rows) times their values.
+
+        Its columns are for contacts of which the ball is ball j, and then for those of which it is ball i.
+        """
+        precision = contacts[0].dtype
+        matrix, out = matrix.astype(precision), np.empty((len(matrix), *self.shape), precision)
+        for part in self.parts(precision):
+            space, at = part.space, 0
+            for one in contacts:
+                for layers, source in part.sources:
+                    space.contacts[at : at + len(one)][source] = one[:, layers]
+                at += len(one)
+            for image, cell in self.halo.images(space.contacts, 1):
+                image[...] = cell
+            for place, tension in space.gathered:
+                place[...] = tension
+            if len(matrix) == self.n_fields:
+                found, forces = space.balls, space.forces
+            else:
+                found = np.empty((len(matrix), *space.balls.shape[1:]), precision)
+                first = self.halo.offset(self.halo.below)
+                forces = found.reshape(len(matrix), -1)[:, first : first + space.forces.shape[1]]
+            multiply_columns(matrix, space.joined, forces)
+            out[:, part.layers] = found[part.inner]
+        return out
+
+
+class ContactHessian:
+    """Product of C^T D C with motions of balls, in a given precision.
+
+    Parameters
+    ----------
+    operator : C.
+    stiffness : the diagonal of D, in parts (n, L1, ..., Lp) one after the other, (rows, L1, ..., Lp) in all.
+    coupling : what else is in D: forces against the deformations ``a`` by a unit of the deformations ``b``, arrays
+        (contacts, L1, ..., Lp) by (a, b), the numbers of two groups of rows.
+    precision : single or double.
+    """
+
+    def __init__(
+        self,
+        operator: ContactOperator,
+        stiffness: Sequence[Values],
+        coupling: Mapping[tuple[int, int], Values] | None = None,
+        precision: DTypeLike = np.float32,
+    ) -> None:
+        self._operator, self._precision = operator, np.dtype(precision)
+        self._split = np.concatenate([operator.head, operator.tail]).astype(precision)
+        self._join = np.concatenate([operator.head, -operator.tail]).T.astype(precision)
+        coupling = coupling or {}
+        tables = {id(one): one for one in coupling.values()}
+        n, rows = operator.n_contacts, operator.n_rows
+        law = operator.halo.surround([*stiffness, *tables.values()], precision)
+        law = law.reshape(len(law), -1)
+        place = {key: slice(rows + at * n, rows + (at + 1) * n) for at, key in enumerate(tables)}
+        #: of each part the diagonal of D, and the rest as (rows a, rows b, their coupling)
+        self._law: list[tuple[Values, list[tuple[Values, Values, Values]]]] = []
+        for part in operator.parts(precision):
+            count = part.space.rows.shape[1]
+            here, groups = law[:, part.start : part.start + count], part.space.rows.reshape(-1, n, count)
+            rest = [(groups[a], groups[b], here[place[id(one)]]) for (a, b), one in coupling.items()]
+            self._law.append((here[:rows], rest))
+
+    def __call__(self, balls: Values, press: float | None = None) -> tuple[Values, float]:
+        """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with the sign turned.
+
+        ``press`` adds to the overlaps of all contacts; without it the sum is not found.
+        """
+        operator, n, total = self._operator, self._operator.n_contacts, 0.0
+        out = np.empty((operator.n_fields, *operator.shape), self._precision)
+        for part, (diagonal, coupling) in zip(operator.parts(self._precision), self._law, strict=True):
+            space = part.space
+            stretch(self._split, balls, part)
+            if press:
+                loss = space.rows[:n]
+                np.subtract(loss, space.rows.dtype.type(press), out=loss)
+            changes = [(a, table * b) for a, b, table in coupling]
+            np.multiply(space.rows, diagonal, out=space.rows)
+            for a, change in changes:
+                np.add(a, change, out=a)
+            if press is not None:
+                total -= float(np.sum(space.contacts[:n][part.inner]))
+            for place, tension in space.gathered:
+                place[...] = tension
+            multiply_columns(self._join, space.joined, space.forces)
+            out[:, part.layers] = space.balls[part.inner]
+        return out, total
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contacts of the array."""
+        return self._operator.n_contacts * math.prod(self._operator.shape)
+
+
+def stretch(split: Values, balls: Values, part: _Part) -> None:
+    """Write the deformations of the contacts of a part into its workspace."""
+    space = part.space
+    for layers, place in part.filled:
+        place[...] = balls[:, layers]
+    for image, cell in space.images:
+        image[...] = cell
+    multiply_columns(split, space.near, space.ends)
+    for head, tail in space.pairs:
+        np.subtract(head, tail, out=tail)
+
+
+def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
+    """Write the product of a small matrix with many columns, in parts for which BLAS takes one thread.
+
+    Its threads wait for each other, and their number changes the last digit.
+    """
+    step = max(1, _ONE_THREAD // matrix.size)
+    if columns.shape[1] <= step:
+        np.matmul(matrix, columns, out=out)
+        return
+    for low in range(0, columns.shape[1], step):
+        np.matmul(matrix, columns[:, low : low + step], out=out[:, low : low + step])

@@ -1,0 +1,328 @@
+"""Networks from tables of balls and contacts, read and written, and files that are damaged."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import InputError, UnverifiedFileWarning
+from tests import packings
+from tests.networks.test_lammps import GLASS, NAMES, dumps
+
+
+def network_of(kind):
+    """Networks of several kinds: a packing with labels, a crystal in space with prestress and rolling, one with a wall."""
+    if kind == "packing":
+        network = gp.ContactNetwork.from_lammps(*dumps("balls"), GLASS)
+        return replace(network, prestress=True, tangential_force=np.zeros_like(network.normal))
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    if kind == "sample":
+        packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
+        return replace(
+            gp.DirectSimulation(packing, shape=(4, 5), seed=1).at_force(2.0).sample.network, lattice=None, shape=None
+        )
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="hcp", torsion=0.02, bending=0.01)).at_force(18.446)
+    network = gp.ContactNetwork.from_state(state, shape=(2, 3, 2))
+    masses = network.masses.copy()
+    masses[3] = np.inf
+    return replace(network, masses=masses, lattice=None, shape=None)
+
+
+@pytest.mark.claim("api-network-tables")
+@pytest.mark.parametrize("kind", ["packing", "sample", "wall"])
+def test_tables_are_read_as_they_were_written(kind, tmp_path):
+    network = network_of(kind)
+    network.write_tables(tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv")
+    again = gp.ContactNetwork.from_table(tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True)
+    assert again == network
+    with pytest.raises(OSError, match="cannot be written"):
+        network.write_tables(tmp_path, tmp_path / "contacts.csv")
+
+
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+def test_no_change_of_a_written_table_goes_unnoticed(seed, tmp_path):
+    """Rows cut off, lines repeated, words or single letters changed: an error, or a warning where the digest is lost."""
+    network = network_of(["packing", "sample", "wall"][seed % 3])
+    paths = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    network.write_tables(*paths)
+    whole, rng = [path.read_bytes().decode() for path in paths], np.random.default_rng(seed)
+    for path, text in zip(paths, whole, strict=True):  # how lines end does not count
+        path.write_bytes(text.replace("\n", "\r\n").encode())
+    assert gp.ContactNetwork.from_table(*paths, keep_rattlers=True) == network
+    lines = whole[1].split("\n")
+    spoilt = [
+        (1, "\n".join([*lines[:-41], ""])), (1, "\n".join(lines[:1] + lines[2:])),
+        (0, re.sub("# sha256.*\n", "", whole[0])), (0, whole[0].replace("sha256", "sha257")),
+    ]  # fmt: skip
+    for _ in range(75):
+        which = int(rng.integers(2))
+        text = damage(whole[which], rng)
+        if rng.random() < 0.5:
+            place = int(rng.integers(len(whole[which])))
+            text = whole[which][:place] + chr(rng.integers(32, 127)) + whole[which][place + 1 :]
+        if text != whole[which]:
+            spoilt.append((which, text))
+    for which, text in spoilt:
+        for n, path in enumerate(paths):
+            path.write_bytes((text if n == which else whole[n]).encode())
+        with pytest.raises((InputError, UnverifiedFileWarning)) as caught:
+            gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
+        assert paths[which].name in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def arrays_of(name):
+    """The balls and contacts of a packing as mappings of arrays, with nothing that follows from the rest."""
+    whole = gp.ContactNetwork.from_lammps(*dumps(name), GLASS, keep_rattlers=True)
+    balls = dict(zip("xyz", whole.positions.T[: whole.dimension], strict=False)) | {
+        "id": whole.labels,
+        "radius": whole.radii,
+        "mass": whole.masses,
+    }
+    contacts = {"i": whole.labels[whole.i], "j": whole.labels[whole.j], "normal_force": whole.normal_force}
+    return whole, balls, contacts, np.diag(whole.cell)[: whole.dimension]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_a_table_lacks_follows_from_the_rest(name, tmp_path):
+    """Arrays, structured arrays and CSV files in other units give the network that LAMMPS' dumps give."""
+    whole, balls, contacts, cell = arrays_of(name)
+    found = gp.ContactNetwork.from_table(balls, contacts, material=GLASS, cell=cell, keep_rattlers=True)
+    assert found == whole
+    structured = [np.rec.fromarrays(list(map(np.asarray, table.values())), names=list(table)) for table in (balls, contacts)]
+    assert gp.ContactNetwork.from_table(*structured, material=GLASS, cell=np.diag(cell), keep_rattlers=True) == whole
+    paths = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    units = {"mass": " (g)", "x": " (mm)", "y": " (mm)", "z": " (mm)", "radius": " (um)", "normal_force": " [kN]"}
+    scales = {"mass": 1e3, "x": 1e3, "y": 1e3, "z": 1e3, "radius": 1e6, "normal_force": 1e-3}
+    for path, table in zip(paths, (balls, contacts), strict=True):
+        rows = zip(*((scales.get(key, 1) * np.asarray(column)).tolist() for key, column in table.items()), strict=True)
+        heads = ";".join(key + units.get(key, "") for key in table)
+        path.write_text("\n".join(["# made by hand", heads, *(";".join(map(repr, row)) for row in rows)]))
+    read = gp.ContactNetwork.from_table(*paths, material=GLASS, cell=cell)
+    assert (read.n_balls, read.left_out) == (whole.n_balls - 1, 1)
+    trimmed = whole.without_rattlers()
+    for field in ("positions", "radii", "masses", "normal_force", "normal_stiffness", "shear_stiffness", "arm_i"):
+        np.testing.assert_allclose(getattr(read, field), getattr(trimmed, field), rtol=1e-10, atol=1e-18)
+    # names of one's own
+    paths[0].write_text(paths[0].read_text().replace("radius (um)", "R").replace("id", "name"))
+    columns = {"radius": "R (um)", "id": "name"}
+    assert gp.ContactNetwork.from_table(*paths, material=GLASS, cell=cell, columns=columns) == read
+
+
+def test_tables_of_yade():
+    """A packing that YADE has pressed and relaxed, by the script of the page on networks; its law: Hertz and Mindlin."""
+    balls, contacts = packings.FOLDER / "yade_balls.csv", packings.FOLDER / "yade_contacts.csv"
+    side = [0.005424017457709516] * 3
+    network = gp.ContactNetwork.from_table(balls, contacts, cell=side)
+    assert (network.n_balls, network.n_contacts, network.left_out, network.dimension) == (24, 88, 0, 3)
+    pull = np.zeros((24, 3))
+    np.add.at(pull, network.j, network.normal * network.normal_force[:, None])
+    np.add.at(pull, network.i, -network.normal * network.normal_force[:, None])
+    assert np.max(np.abs(pull)) < 1e-12 * network.normal_force.mean()
+    # YADE's stiffnesses, masses, shifts and normals are those that follow from force, material and places
+    alone = {name: getattr(network, field) for name, field in (("i", "i"), ("j", "j"), ("normal_force", "normal_force"))}
+    places = dict(zip("xyz", network.positions.T, strict=True)) | {"radius": network.radii}
+    follows = gp.ContactNetwork.from_table(places, alone, material=GLASS, cell=side)
+    for name in ("masses", "inertias", "shift", "normal_stiffness", "shear_stiffness"):
+        np.testing.assert_allclose(getattr(follows, name), getattr(network, name), rtol=1e-13)
+    np.testing.assert_allclose(follows.normal, network.normal, atol=1e-14)
+
+
+def test_a_table_of_a_row_between_walls():
+    """Three balls and two flat walls: the stiffness of a wall contact is Hertz's of a ball on a plane."""
+    balls = {
+        "x": [0.0, 0.0199, 0.0398, -0.02, 0.06],
+        "radius": [0.01, 0.01, 0.01, np.inf, np.inf],
+        "mass": [1.0, 1.0, 1.0, np.inf, np.inf],
+    }
+    contacts = {"i": [0, 1, 3, 2], "j": [1, 2, 0, 4], "nx": [1.0] * 4, "normal_force": [100.0] * 4}
+    network = gp.ContactNetwork.from_table(balls, contacts, material=GLASS)
+    assert (network.dimension, network.motions, network.pbc, network.left_out) == (1, "longitudinal", (False,) * 3, 0)
+    modulus = GLASS.young_modulus / (2.0 * (1.0 - GLASS.poisson_ratio**2))
+    between, at_wall = ((6.0 * modulus**2 * radius * 100.0) ** (1.0 / 3.0) for radius in (0.005, 0.01))
+    # a wall has no side that is as elastic as a ball's: it is of the same material
+    np.testing.assert_allclose(network.normal_stiffness, [between, between, at_wall, at_wall], rtol=1e-12)
+    squares = np.linalg.eigvalsh(
+        [[between + at_wall, -between, 0.0], [-between, 2.0 * between, -between], [0.0, -between, between + at_wall]]
+    )
+    operator = gp.Waves(network).operator
+    np.testing.assert_allclose(np.linalg.eigvalsh(operator.matrix.toarray()), squares)
+
+
+BAD_TABLES = {
+    "a column": (lambda b, c: b.pop("radius"), {}, "no column 'radius'. Its columns are .* columns={'radius': 'NAME'}"),
+    "ends": (lambda b, c: c.pop("j"), {}, "no column 'j'"),
+    "no places": (lambda b, c: [b.pop(name) for name in "xyz"], {}, "no column 'x'"),
+    "y alone": (lambda b, c: b.pop("y"), {}, "no column 'y'"),
+    "nz alone": (lambda b, c: c.update(nz=np.ones(125)), {}, "no column 'nx', 'ny'"),
+    "lengths": (lambda b, c: b.update(radius=b["radius"][1:]), {}, "different lengths: 36 of id, 36 of x"),
+    "two radii": (lambda b, c: b.update(diameter=b["radius"]), {}, "both radius and diameter"),
+    "table": (lambda b, c: b.update(radius=np.ones((36, 2))), {}, "radius of the table of balls has the shape"),
+    "texts": (lambda b, c: b.update(radius=["a"] * 36), {}, "radius of the table of balls: found"),
+    "ball": (lambda b, c: c.update(i=c["i"] + 100), {}, "contact 0, of balls .* not among those of the table of balls"),
+    "part of a ball": (lambda b, c: c.update(i=c["i"] + 0.5), {}, "where a whole number is needed"),
+    "ids": (lambda b, c: b.update(id=[1] * 36), {}, "two balls with the id 1"),
+    "tension": (lambda b, c: c.update(normal_force=-c["normal_force"]), {}, "contact 0.*force -.*125 in all.*Forces that"),
+    "nan": (lambda b, c: c.update(normal_force=np.nan * c["normal_force"]), {}, "contact 0.*force nan"),
+    "misspelled": (lambda b, c: c.update(shear_stifness=np.ones(125)), {}, "stifness'. Did you mean 'shear_stiffness'"),
+    "material": (lambda b, c: b.pop("mass"), {"material": None}, "no column 'mass', and no material"),
+    "stiffness": (
+        lambda b, c: b.update(mass=np.ones(36)), {"material": None}, "no normal_stiffness, shear_stiffness, and no material"
+    ),
+    "shear": (
+        lambda b, c: (b.update(mass=np.ones(36)), c.update(normal_stiffness=np.ones(125))), {"material": None},
+        "no shear_stiffness, .*friction=False",
+    ),
+    "no cell": (None, {"cell": None}, "not near each other: these, whose radii add up to .* Compare the cell"),
+    "small cell": (None, {"cell": [1e-3] * 3}, "is not the only one of its balls|not near each other"),
+    "flat cell": (None, {"cell": [[1.0, 0, 0], [1.0, 0, 0]]}, "not independent"),
+    "cell": (None, {"cell": [[1.0]] * 3}, "the cell has the shape"),
+    "pbc": (None, {"cell": None, "pbc": [True]}, "pbc is"),
+    "dimension": (None, {"dimension": 2}, "(leaves the plane|not both in the plane|not near)"),
+    "unit": (
+        lambda b, c: b.update({"radius (mm)": b.pop("radius")}), {"columns": {"radius": "radius (mm)"}},
+        "the column 'radius .mm.' is in mm, and arrays are in SI. Convert it",
+    ),
+    "columns": (None, {"columns": {"radios": "R"}}, "'radios' is not a column.* Did you mean 'radius'"),
+    "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
+    "held": (None, {"held_by": 1.5}, "held_by"),
+    "friction": (None, {"friction": "no"}, "friction"),
+    "twice": (lambda b, c: c.update({n: np.append(v, v[0]) for n, v in c.items()}), {}, "are the same"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_TABLES)
+def test_tables_that_make_no_network(name):
+    """Each has one error, which names the table and the column or contact."""
+    spoil, more, said = BAD_TABLES[name]
+    _, balls, contacts, cell = arrays_of("balls")
+    if spoil is not None:
+        spoil(balls, contacts)
+    with pytest.raises(gp.GranphonError, match=said) as error:
+        gp.ContactNetwork.from_table(balls, contacts, **({"material": GLASS, "cell": cell} | more))
+    assert "\n" not in str(error.value)
+
+
+BAD_FILES = {
+    "unit": ("x,y (mm),radius (mm)", "the column 'x' has no unit. Write the heading 'x \\(m\\)'"),
+    "mixed": ("x (mm),y (m),radius (mm)", "coordinates in different units: x \\(mm\\), y \\(m\\). Use one unit"),
+    "kind": ("x (mm),y (mm),radius (N)", "not a unit of length"),
+    "needless unit": ("x (mm),y (mm),radius (mm),id (m)", "'id' has the unit 'm', and needs none"),
+    "missing": ("x (mm),y (mm),size (mm)", "no column 'radius'. Its columns are x \\(mm\\), y \\(mm\\), size \\(mm\\)"),
+    "escape": ("x (mm),y (mm),\x1b[2Jsize (mm)", r"no column 'radius'. Its columns are .*, \\x1b\[2Jsize \(mm\)"),
+    "inertia": ("x (mm),y (mm),radius (mm),inertia (kg)", "not a unit of moment of inertia"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_files_that_are_no_table_of_balls(name, tmp_path):
+    head, said = BAD_FILES[name]
+    path = tmp_path / "balls.csv"
+    path.write_text(head + "\n" + "\n".join(f"{2 * k},0,1" + ",1" * (head.count(",") - 2) for k in range(3)) + "\n")
+    with pytest.raises(gp.GranphonError, match=said) as error:
+        gp.ContactNetwork.from_table(path, {"i": [0, 1], "j": [1, 2], "normal_force": [1.0, 1.0]}, material=GLASS)
+    assert "balls.csv" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [("2,0,-1", ":2: radius: found"), ("2,0,one", ":2: radius: found 'one'"), ("2,0", ":2: radius: found nothing")],
+)
+def test_cells_of_a_table_that_cannot_be_read(cell, said, tmp_path):
+    path = tmp_path / "balls.csv"
+    path.write_text(f"x (mm),y (mm),radius (mm)\n{cell}\n")
+    with pytest.raises(gp.GranphonError, match=said):
+        gp.ContactNetwork.from_table(path, {"i": [], "j": []}, material=GLASS)
+    for number in ("1_0", "\u0661"):
+        path.write_text("x (mm),y (mm),radius (mm)\n0,0,1\n2,0,1\n")
+        contacts = tmp_path / "contacts.csv"
+        contacts.write_text(f"i,j\n0,{number}\n")
+        with pytest.raises(gp.GranphonError, match=rf"contacts.csv: line 2, j: found '{number}', where a number is needed"):
+            gp.ContactNetwork.from_table(path, contacts, material=GLASS)
+    with pytest.raises(gp.GranphonError, match="contacts is 3"):
+        gp.ContactNetwork.from_table({"x": [0.0], "radius": [1.0]}, 3, material=GLASS)
+
+
+WORDS = [
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e400",
+    "1e-320",
+    "1e308",
+    "9" * 30,
+    "9" * 5000,
+    "1_0",
+    "\u0663",
+    "\x1b[2J",
+    "1.5",
+    "abc",
+    "ITEM: ATOMS",
+    "\0",
+    "é",
+    "\n",
+    ",",
+]
+
+
+def damage(text, rng):
+    """A text with a word replaced, its end cut off, or a line left out or repeated."""
+    words = list(re.finditer(r"[^\s,]+", text))
+    found, what = words[rng.integers(len(words) if rng.random() < 0.5 else min(60, len(words)))], rng.integers(6)
+    if what < 3:
+        return text[: found.start()] + WORDS[rng.integers(len(WORDS))] + text[found.end() :]
+    if what == 3:
+        return text[: found.start()]
+    lines = text.split("\n")
+    place = rng.integers(len(lines))
+    lines[place : place + 1] = [lines[rng.integers(len(lines))]] * (2 * (int(what) - 4))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
+def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    network_of("wall").write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    for name in ("balls.csv", "contacts.csv"):  # as other programs write them, without a digest
+        (tmp_path / name).write_text(re.sub("# sha256.*\n", "", (tmp_path / name).read_text()))
+    kept = [dumps("disks"), dumps("balls"), (tmp_path / "balls.csv", tmp_path / "contacts.csv")]
+    wrong = fine = 0
+    for count in range(60):
+        texts = [path.read_text() for path in kept[count % 3]]
+        which = rng.integers(2)
+        texts[which] = damage(texts[which], rng)
+        for name, text in zip("ab", texts, strict=True):
+            (tmp_path / name).write_text(text, encoding="utf-8")
+        read = gp.ContactNetwork.from_table if count % 3 == 2 else gp.ContactNetwork.from_lammps
+        try:
+            network = read(tmp_path / "a", tmp_path / "b", material=GLASS, prestress=True)
+            assert np.isfinite(gp.Waves(network).operator.top)
+        except gp.GranphonError as error:
+            wrong += "\n" not in str(error)
+        else:
+            fine += 1
+    assert wrong + fine == 60
+    assert wrong > 30
+
+
+@pytest.mark.parametrize("lattice", ["triangular", "fcc"])
+def test_nearest_images_in_an_oblique_cell(lattice):
+    """In a cell that is tilted by a whole period more, the image with the least fractions is not always the nearest one."""
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(18.446, finite_overlap=True)
+    network = gp.ContactNetwork.from_state(state, shape=(3,) * state.packing.structure.periods)
+    cell = network.cell[: network.dimension].copy()
+    cell[1] += np.sign(cell[0] @ cell[1]) * cell[0]
+    places = network.positions + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell
+    balls = dict(zip("xyz", places.T[: network.dimension], strict=False)) | {"radius": network.radii}
+    contacts = {"i": network.i, "j": network.j, "normal_force": network.normal_force}
+    found = gp.ContactNetwork.from_table(balls, contacts, material=steel, cell=cell)
+    np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
+    np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)

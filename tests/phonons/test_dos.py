@@ -1,0 +1,300 @@
+"""Densities of states: integrals, limits, laws, files, errors."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.base.quantities import Quantity
+from granphon.base.tables import Table
+from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force
+
+
+class WholeMesh(gp.Phonons):
+    """Phonons whose meshes are not reduced by symmetry."""
+
+    def _make_mesh(self, numbers, reduce=False):
+        return super()._make_mesh(numbers, reduce=False)
+
+
+@pytest.mark.claim("api-densities")
+@pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
+def test_density_survives_its_file(phonons, tmp_path, method):
+    dos = phonons.dos(mesh=(6, 4), method=method, points=51)
+    dos.write_csv(tmp_path / "dos.csv")
+    back = gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
+    for field in dataclasses.fields(dos):
+        np.testing.assert_array_equal(getattr(back, field.name), getattr(dos, field.name), err_msg=field.name)
+    again = gp.DensityOfStates.from_dict(dos.to_dict())
+    np.testing.assert_array_equal(again.total, dos.total)
+    table = np.genfromtxt(tmp_path / "dos.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
+    np.testing.assert_array_equal(table["total_per_Hz"], dos.total)
+    np.testing.assert_array_equal(table["frequency_Hz"], dos.frequencies)
+    frequency = Quantity("frequency", "Hz", "1 kHz", "Hz, kHz", "zero or above")
+    own = Table.read(tmp_path / "dos.csv")
+    assert [heading.name for heading in own.headings] == list(table.dtype.names)
+    np.testing.assert_array_equal(own.column("frequency_Hz (Hz)", frequency), dos.frequencies)
+
+
+def test_density_with_warnings_survives_its_file(tmp_path):
+    state = gp.AveragedLattice(gp.Packing(STEEL, DIAMETER)).at_overlap(0.05 * DIAMETER)
+    dos = gp.Phonons(state).dos(mesh=(4, 4), points=12)
+    assert dos.warnings
+    dos.write_csv(tmp_path / "dos.csv")
+    assert gp.DensityOfStates.read_csv(tmp_path / "dos.csv").warnings == dos.warnings
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "# x\n# method t, mesh a b\nh\n1,2,3,4\n"])
+def test_density_files_of_others_are_refused(tmp_path, text):
+    (tmp_path / "dos.csv").write_text(text)
+    with pytest.raises(InputError, match="not a density of states written by granphon"):
+        gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
+
+
+# -- densities of states ------------------------------------------------------------------------------------------------
+
+
+def integral(dos, part="total"):
+    return np.trapezoid(getattr(dos, part), dos.frequencies)
+
+
+@pytest.mark.claim("api-densities")
+@pytest.mark.parametrize(("mesh", "points"), [((2, 2), 12), ((7, 5), 501), ((16, 16), 13), ((32, 32), 501)])
+def test_integral_is_the_number_of_branches_of_a_ball(phonons, mesh, points):
+    rotations = 1.0 if phonons.lattice.motions.rotate else 0.0
+    dos = phonons.dos(mesh=mesh, points=points)
+    assert integral(dos, "translational") == pytest.approx(2.0, rel=1e-12)
+    assert integral(dos, "rotational") == pytest.approx(rotations, rel=1e-12)
+    np.testing.assert_array_equal(dos.total, dos.translational + dos.rotational)
+    assert dos.translational.min() >= 0.0
+    assert dos.rotational.min() >= 0.0
+
+
+def test_density_converges_with_the_mesh(phonons):
+    # the number of modes below a frequency, against a mesh five times finer than the finest
+    def count(n):
+        dos = phonons.dos(mesh=(n, n), points=201)
+        return cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0)
+
+    reference = count(240)
+    errors = [np.abs(count(n) - reference).mean() for n in (12, 24, 48)]
+    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2], "linear interpolation is of second order"
+    assert errors[2] < 1e-3 * phonons.lattice.n_branches
+
+
+def test_smearing_integral_is_the_number_of_branches(phonons):
+    dos = phonons.dos(mesh=(32, 32), method="smearing", points=4001)
+    assert integral(dos) == pytest.approx(phonons.lattice.n_branches, abs=1e-6)
+
+
+def test_smearing_tends_to_the_tetrahedra(rough):
+    fine = rough.dos(mesh=(96, 96), points=1001)
+    total = integral(fine)
+    distances = []
+    for part in (0.04, 0.02, 0.01):
+        sigma = part * fine.frequencies[-1]
+        smeared = rough.dos(mesh=(96, 96), method="smearing", sigma=sigma, points=1001)
+        assert smeared.method == "smearing"
+        cumulative = cumulative_trapezoid(smeared.total, smeared.frequencies, initial=0.0)
+        reference = cumulative_trapezoid(fine.total, fine.frequencies, initial=0.0)
+        distances.append(np.abs(np.interp(fine.frequencies, smeared.frequencies, cumulative) - reference).max() / total)
+    assert distances[0] > 1.4 * distances[1] > 1.4**2 * distances[2]
+
+
+def test_mode_count_of_a_fine_mesh(phonons):
+    # second engine: count modes below a frequency on a brute-force mesh, from C(q) alone
+    n = 240
+    grid = (np.stack(np.meshgrid(*[np.arange(n)] * 2), axis=-1).reshape(-1, 2) + 0.5) / n
+    lattice = phonons.lattice
+    values = np.sort((lattice.frequencies(lattice.wavevectors(grid)) * phonons.scales.frequency).ravel())
+    dos = phonons.dos(mesh=(64, 64), points=2001)
+    counted = np.searchsorted(values, dos.frequencies) / len(grid)
+    cumulative = cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0)
+    np.testing.assert_allclose(cumulative, counted, atol=2e-3 * lattice.n_branches)
+
+
+def test_moments_are_traces(phonons):
+    # the mean squared frequency is the trace of D(q) averaged over the zone: the force constants of a ball on itself
+    dos = phonons.dos(mesh=(64, 64), points=4001)
+    own = np.einsum("aa->a", phonons.phonopy.force_constants[0, 0])
+    unit = phonons.scales.frequency**2
+    for part, expected in (("translational", own[:2].sum()), ("rotational", own[2])):
+        second = np.trapezoid(getattr(dos, part) * dos.frequencies**2, dos.frequencies) / unit
+        assert second == pytest.approx(expected, rel=2e-3, abs=1e-12)
+
+
+@pytest.mark.claim("reduced-mesh")
+@pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
+@pytest.mark.parametrize("case", ["triangular", "smooth", "square", "kagome", "vacancy", "masses", "oblong"])
+def test_reduced_mesh_equals_the_full_one(method, case):
+    lattice = case if case in ("square", "kagome") else "triangular"
+    state = at_force(friction=case != "smooth", lattice=lattice)
+    balls = gp.atoms(state)
+    if case in ("vacancy", "masses"):
+        balls = balls.repeat((2, 2, 1))
+    if case == "vacancy":
+        del balls[3]
+    if case == "masses":
+        balls.set_masses([1.0, 2.0, 3.0, 5.0])
+    mesh = (8, 6) if case == "oblong" else (8, 8)
+    ph = gp.Phonons(state, balls)
+    small, unreduced = ph._make_mesh(mesh), WholeMesh(state, balls)
+    full = unreduced._make_mesh(mesh)
+    assert small.weights.sum() == full.weights.sum() == mesh[0] * mesh[1]
+    reduced = ph.dos(mesh=mesh, method=method)
+    whole = unreduced.dos(mesh=mesh, method=method)
+    top = whole.total.max()
+    np.testing.assert_allclose(reduced.frequencies, whole.frequencies, rtol=1e-12)
+    if (case, method) == ("square", "tetrahedron"):
+        # the squares of the mesh are cut along one of two equal diagonals: see the next test
+        return
+    np.testing.assert_allclose(reduced.translational, whole.translational, atol=2e-6 * top)
+    np.testing.assert_allclose(reduced.rotational, whole.rotational, atol=2e-6 * top)
+    # 12 operations of the layer group on the triangular and kagome lattices, 8 on the square one
+    if case in ("triangular", "smooth", "kagome"):
+        assert len(small.qpoints) == 10
+    if case == "square":
+        assert len(small.qpoints) == 15
+    # balls of four masses on a 2 x 2 cell have the half turn alone, which is time reversal
+    if case == "masses":
+        assert len(small.qpoints) == 8 * 8 // 2 + 2
+
+
+@pytest.mark.claim("reduced-mesh")
+def test_square_meshes_tend_to_the_same_density():
+    # a mesh of squares cut along one diagonal has less symmetry than the lattice; the difference falls with the mesh
+    both, apart = [kind(at_force(lattice="square")) for kind in (gp.Phonons, WholeMesh)], []
+    for n in (12, 24, 48):
+        found = [ph.dos(mesh=(n, n)) for ph in both]
+        counts = [cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0) for dos in found]
+        apart.append(np.abs(counts[0] - counts[1]).max())
+    assert apart[0] > 2.0 * apart[1] > 4.0 * apart[2]
+    assert apart[2] < 0.01
+
+
+def test_reduction_of_a_large_mesh(rough):
+    full, reduced = (len(rough._make_mesh((48, 48), reduce=r).qpoints) for r in (False, True))
+    assert 6 * reduced <= 48 * 48
+    assert 12 * reduced >= 48 * 48
+    assert full in (48 * 48, 48 * 48 // 2 + 2)
+
+
+@pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
+def test_low_frequencies_follow_debye(phonons, method):
+    # g(f) = 2 pi f A (v_L^-2 + v_T^-2) a ball in two dimensions
+    sound = gp.sound_velocities(phonons.state)
+    area = np.sqrt(3.0) / 2.0 * DIAMETER**2
+    slope = 2.0 * np.pi * area * (sound.longitudinal**-2 + sound.transverse**-2)
+    top = phonons.frequencies([[0, 0], [0.5, 0]]).max()
+    sigma = {"sigma": 0.01 * top} if method == "smearing" else {}
+    dos = phonons.dos(mesh=(160, 160), method=method, points=1001, **sigma)
+    low = (dos.frequencies > 0.06 * top) & (dos.frequencies < 0.12 * top)
+    ratio = dos.total[low] / (slope * dos.frequencies[low])
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
+    # quadratic beyond: dispersion bends the branches down, so the density rises above the law
+    assert 1.0 < dos.total[np.searchsorted(dos.frequencies, 0.25 * top)] / (slope * 0.25 * top) < 1.3
+
+
+def test_edges(rough):
+    scale = rough.scales.frequency
+    dos = rough.dos(mesh=(48, 48), points=2001)
+    top = np.sqrt(30.0 * ETA) * scale
+    assert dos.frequencies[0] == 0.0
+    assert dos.frequencies[-1] == pytest.approx(1.02 * top, rel=1e-9)
+    # a value is the mean over its interval
+    above = dos.frequencies > top + 0.51 * dos.frequencies[1]
+    assert above.sum() > 10
+    np.testing.assert_allclose(dos.total[above], 0.0, atol=1e-12 * dos.total.max())
+    # at the top, rotation alone, with the step of a parabolic maximum in two dimensions: omega^2 = 30 eta (1 - q^2/10)
+    just = (dos.frequencies > 0.97 * top) & (dos.frequencies < 0.99 * top)
+    assert np.all(dos.rotational[just] > 20.0 * dos.translational[just])
+    # omega = w0 (1 - q^2/20): g = A/(2 pi) q dq/domega = A/(2 pi) 10/w0 per angular frequency
+    step = np.sqrt(3.0) / 2.0 / (2.0 * np.pi) * 10.0 / np.sqrt(30.0 * ETA) / scale
+    assert np.mean(dos.total[just]) == pytest.approx(step, rel=0.1)
+
+
+def test_without_friction_the_top_is_at_m(smooth):
+    top = np.sqrt(6.0) * smooth.scales.frequency
+    dos = smooth.dos(mesh=(48, 48), points=2001)
+    assert dos.frequencies[-1] == pytest.approx(1.02 * top, rel=1e-9)
+    np.testing.assert_array_equal(dos.rotational, 0.0)
+    # a value is the mean over its interval
+    above = dos.frequencies > top + 0.51 * dos.frequencies[1]
+    assert above.sum() > 10
+    np.testing.assert_allclose(dos.total[above], 0.0, atol=1e-12 * dos.total.max())
+    assert dos.total[(dos.frequencies > 0.99 * top) & (dos.frequencies < top)].min() > 0.0
+
+
+def test_a_supercell_has_the_density_of_its_balls(rough):
+    balls = gp.atoms(rough.state).repeat((2, 2, 1))
+    big = gp.Phonons(rough.state, balls)
+    small = rough.dos(mesh=(24, 24), method="smearing", points=201)
+    folded = big.dos(mesh=(12, 12), method="smearing", points=201)
+    np.testing.assert_allclose(folded.frequencies, small.frequencies, rtol=1e-12)
+    np.testing.assert_allclose(folded.total, small.total, atol=1e-9 * small.total.max())
+    np.testing.assert_allclose(folded.rotational, small.rotational, atol=1e-6 * small.total.max())
+
+
+def test_density_is_per_ball_with_a_vacancy_and_unequal_masses(rough):
+    balls = gp.atoms(rough.state).repeat((3, 3, 1))
+    del balls[4]
+    balls.set_masses(np.linspace(0.5, 4.0, 8))
+    dos = gp.Phonons(rough.state, balls).dos(mesh=(12, 12), points=1001)
+    assert integral(dos, "translational") == pytest.approx(2.0, abs=0.02)
+    assert integral(dos, "rotational") == pytest.approx(1.0, abs=0.02)
+
+
+def test_unequal_mesh(rough):
+    # the two are mirror images, on a lattice that has the mirror
+    one, other = rough.dos(mesh=(24, 20)), rough.dos(mesh=(20, 24, 1))
+    assert (one.mesh, other.mesh) == ((24, 20), (20, 24))
+    np.testing.assert_allclose(one.total, other.total, atol=1e-9 * one.total.max())
+    # and tend to the same density as equal meshes do
+    fine = cumulative_trapezoid(*(getattr(rough.dos(mesh=(48, 48)), name) for name in ("total", "frequencies")))
+    apart = []
+    for n in (1, 2, 4):
+        dos = rough.dos(mesh=(6 * n, 5 * n))
+        apart.append(np.abs(cumulative_trapezoid(dos.total, dos.frequencies) - fine).mean())
+    assert apart[0] > 3.0 * apart[1] > 9.0 * apart[2]
+
+
+def test_density_against_phonopys_own(rough):
+    # the same mesh through Phonopy.run_total_dos, whose values are at points, summed finely over our intervals
+    dos = rough.dos(mesh=(12, 12), points=51)
+    at = dos.frequencies / rough.scales.frequency
+    step = (at[1] - at[0]) / 200.0
+    rough.phonopy.run_mesh([12, 12, 1], is_gamma_center=True, is_mesh_symmetry=False)
+    theirs = rough.phonopy.run_total_dos(freq_min=0.0, freq_max=at[-1] + step, freq_pitch=step)
+    middle = 0.5 * (at[1:] + at[:-1])
+    expected = np.interp(
+        middle, theirs.frequency_points, cumulative_trapezoid(theirs.dos, theirs.frequency_points, initial=0.0)
+    )
+    widths = np.diff(np.concatenate([[0.0], middle]))
+    found = np.cumsum(dos.total[:-1] * widths) * rough.scales.frequency
+    np.testing.assert_allclose(found, expected, atol=1e-3 * 3)
+
+
+BAD_DENSITIES = {
+    "method": ({"method": "gauss"}, "Use tetrahedron or smearing"),
+    "points": ({"points": 11}, "a whole number from 12 to"),
+    "sigma without smearing": ({"sigma": 1.0}, "is for the smearing method only"),
+    "negative sigma": ({"method": "smearing", "sigma": -1.0}, "finite number above zero"),
+    "no sigma": ({"method": "smearing", "sigma": 0.0}, "finite number above zero"),
+    "sigma not a number": ({"method": "smearing", "sigma": np.nan}, "finite number above zero"),
+    "third of the mesh": ({"mesh": (8, 8, 2)}, "whose third number is 2; allowed: two whole numbers"),
+    "nothing of the mesh": ({"mesh": (0, 8)}, "allowed: two whole numbers from 1 to"),
+    "half a mesh": ({"mesh": (8,)}, "allowed: two whole numbers from 1 to"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_DENSITIES)
+def test_densities_that_cannot_be(rough, case):
+    options, words = BAD_DENSITIES[case]
+    with pytest.raises(InputError, match=words):
+        rough.dos(**{"mesh": (4, 4), **options})
