@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.array import response
+from granphon.array import equilibrium
 from granphon.array.stencils import Stencils
 from tests.conftest import only
 from tests.warm import Warm
@@ -194,7 +194,7 @@ def test_a_simulation_without_friction_has_no_rotations(friction, steel, monkeyp
             super().__init__(*arguments)
             made.append(self.n_fields)
 
-    monkeypatch.setattr(response, "Stencils", Counted)
+    monkeypatch.setattr(equilibrium, "Stencils", Counted)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=friction)
     gp.moduli(gp.DirectSimulation(packing, shape=(8, 8)).at_force(10.0))
     assert set(made) == {3 if friction else 2}

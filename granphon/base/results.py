@@ -211,17 +211,23 @@ def plain(value: Any) -> Any:
 def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     """Build an object of the type ``hint`` from plain data.
 
-    The type is a dataclass, tuple, mapping, array or scalar, or a union of these. Raises
+    The type is a dataclass, tuple, mapping, array or scalar, or a union of these; Any is a scalar, or an array. Raises
     :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of another kind.
     """
     origin, inner = get_origin(hint), get_args(hint)
-    if hint is Any:
-        return _restore_any(value, name)
+    wanted = str(hint) if inner else getattr(hint, "__name__", str(hint))
     if origin in (Union, UnionType):
-        return _restore_one_of(value, inner, name)
-    if origin is np.ndarray:
-        return _restore_array(value, get_args(inner[1])[0], name)
-    if origin is tuple and isinstance(value, list | tuple):
+        if isinstance(value, Mapping):  # if the value names a class among the types, it must be that one
+            inner = tuple(one for one in inner if getattr(one, "__name__", None) == _read_class_name(value)) or inner
+        for one in inner[:-1]:
+            with suppress(InputError):
+                return restore(value, one, name)
+        return restore(value, inner[-1], name)
+    if origin is np.ndarray or (hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)):
+        wanted, dtype = "an array of numbers", None if hint is Any else get_args(inner[1])[0]
+        if (found := _make_array(value, dtype)) is not None:
+            return found
+    elif origin is tuple and isinstance(value, list | tuple):
         kinds = [inner[0]] * len(value) if inner[1:] == (...,) else inner
         if len(kinds) == len(value):
             return tuple(restore(v, kind, name) for v, kind in zip(value, kinds, strict=True))
@@ -230,35 +236,23 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
-        if isinstance(value, Mapping) and _read_class_name(value) == _name_hint(hint):
+        if isinstance(value, Mapping) and _read_class_name(value) == wanted:
             return _restore_fields(value, hint)
-    elif _is_scalar(value, hint):
-        return value
-    raise InputError(message(f"{name}: found {_describe_kind(value)} where {_name_hint(hint)} is needed"))
-
-
-def _is_scalar(value: Any, hint: Any) -> bool:
-    if hint is float:
-        return isinstance(value, float | int) and not isinstance(value, bool)
-    if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return hint in (str, bool, NoneType) and isinstance(value, hint)
+    elif hint is Any or hint in _SCALARS:
+        # a whole number is a float too, and a truth value is no number
+        allowed = {Any: (*_SCALARS, np.generic), float: (float, int)}.get(hint, (hint,))
+        if isinstance(value, allowed) and (not isinstance(value, bool) or bool in allowed):
+            return value
+    kind = f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {show(value)},")
+    if isinstance(value, Mapping):
+        kind = f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
+    raise InputError(message(f"{name}: found {kind} where {wanted} is needed"))
 
 
 def _read_class_name(data: Mapping[str, Any]) -> str:
     """The class name in plain data; "" if there is none, or if it is not a text."""
     name = data.get("class")
     return name if isinstance(name, str) else ""
-
-
-def _describe_kind(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
-    return f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {show(value)},")
-
-
-def _name_hint(hint: Any) -> str:
-    return getattr(hint, "__name__", str(hint)) if not get_args(hint) else str(hint)
 
 
 def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
@@ -275,72 +269,32 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
         made = build(**given)
         if isinstance(made, Result):
             made._check()
-    except GranphonError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(str(error)) from None
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise InputError(
-            message(f"no {build.__name__} can be made from {what}", f"{type(error).__name__}: {error}")
-        ) from None
+    except InputError:
+        raise
+    except (GranphonError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        why = str(error) if isinstance(error, GranphonError) else f"{type(error).__name__}: {error}"
+        raise InputError(message(f"no {build.__name__} can be made from {what}", why)) from None
     return made
 
 
-def _restore_one_of(value: Any, hints: tuple[Any, ...], name: str) -> Any:
-    """Restore a value by the first hint that it fits; if it names a class among the hints, by that class alone."""
-    if isinstance(value, Mapping):
-        hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _read_class_name(value)) or hints
-    for hint in hints[:-1]:
-        try:
-            return restore(value, hint, name)
-        except InputError:
-            continue
-    return restore(value, hints[-1], name)
-
-
-def _restore_array(value: Any, dtype: Any, name: str) -> Any:
-    if dtype is np.complex128:
-        if isinstance(value, np.ndarray) and value.dtype.kind == "c":
-            return value
-        if isinstance(value, Mapping) and set(value) == {"real", "imag"}:
-            real, imaginary = (_restore_array(value[part], np.float64, name) for part in ("real", "imag"))
-            if real.shape == imaginary.shape:
-                whole = np.empty(real.shape, complex)
-                whole.real, whole.imag = real, imaginary
-                return whole
-    elif isinstance(value, list | tuple | np.ndarray):
-        found = _make_array(value)
-        if found is not None and found.dtype.kind in ("iu" if np.issubdtype(dtype, np.integer) else "iuf"):
-            return found.astype(dtype)
-    raise InputError(message(f"{name}: found {_describe_kind(value)} where an array of numbers is needed"))
-
-
-def _restore_any(value: Any, name: str) -> Any:
-    """A scalar, or an array of numbers, booleans or complex numbers."""
-    if isinstance(value, Mapping):
-        return _restore_array(value, np.complex128, name)
-    if isinstance(value, list | tuple | np.ndarray):
-        found = _make_array(value)
-        if found is None or found.dtype.kind not in "biufc":
-            raise InputError(message(f"{name}: found {_describe_kind(value)} where numbers are needed"))
-        return found
-    if value is None or isinstance(value, bool | int | float | str | np.generic):
-        return value
-    raise InputError(message(f"{name}: found {_describe_kind(value)} where numbers are needed"))
-
-
-def _make_array(value: Any) -> np.ndarray[Any, Any] | None:
-    """``value`` as an array; None if it is ragged or too large, or mixes booleans with numbers."""
-    if isinstance(value, np.ndarray):
-        return value
+def _make_array(value: Any, dtype: Any) -> np.ndarray[Any, Any] | None:
+    """Plain data as an array of a type, or of any with None; None if they are ragged, or no such numbers."""
+    if dtype in (np.complex128, None) and isinstance(value, Mapping):
+        real, imaginary = (_make_array(value.get(part), np.float64) for part in ("real", "imag"))
+        if len(value) != 2 or real is None or imaginary is None or real.shape != imaginary.shape:
+            return None
+        whole = np.empty(real.shape, complex)
+        whole.real, whole.imag = real, imaginary
+        return whole
+    if not isinstance(value, list | tuple | np.ndarray):
+        return None
     try:
-        array = np.asarray(value)
+        found = np.asarray(value)
+        # NumPy takes truth values among numbers for numbers
+        leaves: Any = [] if isinstance(value, np.ndarray) or found.dtype.kind == "b" else np.asarray(value, object).ravel()
     except (ValueError, OverflowError):  # ragged, or too large
         return None
-    if array.dtype.kind in "iufc" and any(isinstance(one, bool) for one in _list_leaves(value)):
+    kinds = "biufc" if dtype is None else "c" if dtype is np.complex128 else "iu" if np.dtype(dtype).kind == "i" else "iuf"
+    if found.dtype.kind not in kinds or any(isinstance(one, bool) for one in leaves):
         return None
-    return array if array.size or _list_leaves(value) == [] else None
-
-
-def _list_leaves(value: Any) -> list[Any]:
-    return [leaf for one in value for leaf in _list_leaves(one)] if isinstance(value, list | tuple) else [value]
+    return found if dtype is None or found.dtype == dtype else found.astype(dtype)

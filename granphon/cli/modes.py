@@ -11,7 +11,7 @@ import typer
 
 from granphon.base.errors import InputError, message
 from granphon.cli.app import PICTURES, Force, SceneFile, command
-from granphon.cli.terminal import require_name, say
+from granphon.cli.terminal import write_of_scene
 
 #: most cells along a lattice vector, so that the balls can be told from each other
 _MOST_CELLS = 100
@@ -117,23 +117,11 @@ def _write_picture(
     force: bool, draw: Callable[..., None],
 ) -> None:  # fmt: skip
     """Read the scene and the mode, and have ``draw`` draw it into the file ``out``, which arrives whole or not at all."""
-    from granphon.base.staging import ResultFiles
     from granphon.base.validation import lengths, require
     from granphon.phonons.paths import read_point
     from granphon.scene.rules import read_directions
-    from granphon.scene.scene import Scene
 
-    require_name("--out", out)
-    target = Path(out)
-    if target.suffix not in endings:
-        what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
-        mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
-        raise InputError(message(what, mend=mend))
-    read = Scene.from_yaml(scene)
-    with ResultFiles(target.parent, [target.name], force, inputs=read.inputs).open() as locked:
-        if read.is_sweep:
-            why = "A mode is drawn of one state"
-            raise InputError(message(f"{scene} has many states", why, "Keep one load, one medium, and no block 'sweep'"))
+    with write_of_scene(scene, out, endings, force, "A mode is drawn of one state") as (read, place):
         lattice = read.packing.structure
         q = require("--at", partial(read_point, structure=lattice), at)
         options: dict[str, Any] = {}
@@ -149,6 +137,5 @@ def _write_picture(
             raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
         from granphon.phonons.phonons import Phonons  # after what can be refused, as it loads phonopy
 
-        with read.plan.origin.where_it_buckles(), locked.staging() as place:
-            draw(place / target.name, Phonons(read.state()), q, branch, **options)
-    say(f"Wrote {out}")
+        with read.plan.origin.where_it_buckles():
+            draw(place, Phonons(read.state()), q, branch, **options)

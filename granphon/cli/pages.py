@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from granphon.base.errors import InputError, message
 from granphon.cli.app import PICTURES, Force, SceneFile, command
-from granphon.cli.terminal import require_name, say
-
-if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
-
+from granphon.cli.terminal import write_of_scene
 
 #: the programs for which ``export`` writes
 _FORMATS = ("phononwebsite",)
@@ -40,20 +35,18 @@ def make_scene_page(
       granphon page scene.yaml -o page.html
     """
 
-    def make(read: Scene) -> str:
+    with write_of_scene(scene, out, (".html", ".htm"), force) as (read, place):
         from granphon.page.page import make_page
 
         first = read.plan.cases[0].case
         begins = f"The scene sweeps parameters; this page is that of the first values: {first.where}."
-        direction = read.directions[0] if read.directions else None
-        title = f"{first.packing.structure.name} lattice, {Path(scene).name}"
         with read.plan.origin.at():
-            return make_page(
+            text = make_page(
                 first.packing, read.media, read.load, finite_overlap=read.finite_overlap, path=read.band,
-                direction=direction, title=title, remarks=[begins] * bool(first.where),
+                direction=read.directions[0] if read.directions else None,
+                title=f"{first.packing.structure.name} lattice, {Path(scene).name}", remarks=[begins] * bool(first.where),
             )  # fmt: skip
-
-    _write(scene, out, (".html", ".htm"), force, make)
+        place.write_text(text, encoding="utf-8")
 
 
 @command("export", rich_help_panel=PICTURES)
@@ -79,34 +72,11 @@ def export_scene(
     if format not in _FORMATS:
         raise InputError(message(f"--format is {format}", mend=f"Use {' or '.join(_FORMATS)}"))
 
-    def make(read: Scene) -> str:
-        if read.is_sweep:
-            why = "Modes are those of one state"
-            raise InputError(message(f"{scene} has many states", why, "Keep one load, one medium, and no block 'sweep'"))
+    with write_of_scene(scene, out, (".json",), force, "Modes are those of one state") as (read, place):
         from granphon.page.phononwebsite import write_phononwebsite
         from granphon.phonons.phonons import Phonons
 
         with read.plan.origin.where_it_buckles():
             path = read.path
             bands = Phonons(read.state()).bands(path.arrays, npoints=read.band_points, labels=path.labels)
-        return write_phononwebsite(bands, read.packing.structure.name)
-
-    _write(scene, out, (".json",), force, make)
-
-
-def _write(scene: str, out: str, endings: tuple[str, ...], force: bool, make: Callable[[Scene], str]) -> None:
-    """Write the text that ``make`` makes of the scene into the file ``out``, which arrives whole or not at all."""
-    from granphon.base.staging import ResultFiles, write_text
-    from granphon.scene.scene import Scene
-
-    require_name("--out", out)
-    target = Path(out)
-    if target.suffix not in endings:
-        what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
-        raise InputError(message(what, mend=f"Give a name that ends in {endings[0]}"))
-    read = Scene.from_yaml(scene)
-    with ResultFiles(target.parent, [target.name], force, inputs=read.inputs).open() as locked:
-        text = make(read)
-        with locked.staging() as place:
-            write_text(place / target.name, text)
-    say(f"Wrote {out}")
+        place.write_text(write_phononwebsite(bands, read.packing.structure.name), encoding="utf-8")

@@ -70,10 +70,10 @@ def check_scene(scene: SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
-    from granphon.media.cases import label_warnings
     from granphon.observables.validity import validity
     from granphon.scene.result_files import expected_files, tell_undrawn
     from granphon.scene.scene import Scene
+    from granphon.sweeps.cases import label_warnings
 
     read = Scene.from_yaml(scene)
     rows = describe_scene(read)  # first, because it raises if there is too little memory
@@ -81,13 +81,13 @@ def check_scene(scene: SceneFile) -> None:
     with read.plan.origin.where_it_buckles():
         found = [(where, warning) for where, state in states for warning in validity(state).warnings]
     found += read.plan.expect_warnings()
-    warnings = label_warnings(found) if read.is_sweep else [warning for _, warning in found]
+    warnings = [warning for _, warning in found] if read.is_single else label_warnings(found)
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")
     say_table(rows)
     rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read.plan)))]
-    undrawn = tell_undrawn(read)
+    undrawn = tell_undrawn(read.plan)
     say_table(rows + [("will not draw", undrawn)] * bool(undrawn))
     warn(warnings)
 
@@ -137,7 +137,7 @@ def run_scene(
         """Describe what an interruption has left in the folder."""
         if is_complete(read.plan, out):
             return f"{out} holds the whole result of this scene."
-        kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
+        kept = read.plan.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
         return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)
@@ -151,11 +151,11 @@ def run_scene(
     if cost is not None and not quiet and cost.seconds > _LONG:
         print(f"granphon: {describe_cost(cost)}", file=sys.stderr, flush=True)
     with tell_interruption(left):
-        with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:
+        with open_executor(workers, scheduler) if read.plan.has_tasks else nullcontext() as executor:
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:
-            undrawn = tell_undrawn(read) if figures else ""
+            undrawn = tell_undrawn(read.plan) if figures else ""
             say_table(describe_result(result) + [("not drawn", undrawn)] * bool(undrawn))
             say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
@@ -210,7 +210,7 @@ def draw_results(
 
         say(f"Wrote {redraw(runs[0], out, force, asymptotes, y, backend)}")
         return
-    from granphon.scene.several import draw_together
+    from granphon.scene.redraw import draw_together
 
     if asymptotes:
         raise InputError(message("--asymptotes is for the bands of one run", mend="Leave it out, or give one folder"))

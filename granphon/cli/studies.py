@@ -133,7 +133,10 @@ def fit_measurements(
             f"sound in the lattice {found.packing.structure.name} depends on the direction, and none is given:"
             f" the fit takes {along}. Give --direction, or direction in {scene}"
         )
-    failures = _write_study(files, found.write, figure)
+    failures: dict[str, str] = {}
+    if files is not None:
+        with files.open() as locked:
+            failures = _stage_study(locked, found.write, figure)
     with _tell_study(out, FIT_FILES, failures, quiet=False):
         warn((*notes, *found.warnings, *failures.values()))
         say_table(describe_fit(found))
@@ -261,14 +264,6 @@ def _find_truth(scene: str, read: Scene) -> FrictionHistory:
         what = f"the media of {scene} are loaded with friction in {len(found)} ways"
         raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))
     return found[0]
-
-
-def _write_study(files: ResultFiles | None, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:
-    """Write the files into their folder, unless they are None; returns what :func:`_stage_study` does."""
-    if files is None:
-        return {}
-    with files.open() as locked:
-        return _stage_study(locked, write, figure)
 
 
 def _stage_study(locked: ResultFiles, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:

@@ -5,8 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from granphon.base.errors import InputError, message, one_line
+
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
+
 
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
@@ -48,6 +54,32 @@ def require_name(option: str, path: str | None) -> None:
 
 class Interrupted(Exception):
     """An interruption, whose message says what it has left in the folder of the results."""
+
+
+@contextmanager
+def write_of_scene(scene: str, out: str, endings: Sequence[str], force: bool, one: str = "") -> Iterator[tuple[Scene, Path]]:
+    """Read a scene, and yield it with the place where the block writes the file ``out``, which arrives whole or not at all.
+
+    Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if the scene has several
+    states and the block, as ``one`` says, takes a single one.
+    """
+    from granphon.base.staging import ResultFiles
+    from granphon.scene.scene import Scene
+
+    require_name("--out", out)
+    target = Path(out)
+    if target.suffix not in endings:
+        what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
+        mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
+        raise InputError(message(what, mend=mend))
+    read = Scene.from_yaml(scene)
+    with ResultFiles(target.parent, [target.name], force, inputs=read.inputs).open() as locked:
+        if one and not read.is_single:
+            mend = "Keep one load, one medium, and no block 'sweep'"
+            raise InputError(message(f"{scene} has many states", one, mend))
+        with locked.staging() as place:
+            yield read, place / target.name
+    say(f"Wrote {out}")
 
 
 @contextmanager

@@ -75,9 +75,9 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ("load", _describe_load(scene.load, packing.structure.periods)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
-    if not scene.is_sweep and scene.plan.serving.chosen_automatically:
+    if scene.is_single and scene.plan.serving.chosen_automatically:
         rows.append(("chosen", describe_choice(scene.plan.serving)))
-    if scene.is_sweep:
+    if not scene.is_single:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
         states = math.prod(count for count, *_ in sizes)
@@ -109,7 +109,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         pulse = scene.pulse
         periods = f"{pulse.cycles:g} period{'s' * (pulse.cycles != 1)}"
         rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {periods}, {pulse.polarisation}"))
-    if "dos" in scene.observe and not scene.is_sweep:  # that of a sweep is of arrays
+    if "dos" in scene.observe and scene.is_single:  # that of a sweep is of arrays
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
 

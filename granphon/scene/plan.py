@@ -7,10 +7,10 @@ twice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, MechanismError, message
 from granphon.base.progress import Progress
 from granphon.media import cost as costs
-from granphon.media.cases import Case, Grid
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
@@ -29,6 +28,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
+from granphon.sweeps.cases import Asked, Case, Grid
 from granphon.waves.settings import MOMENTS, READINGS, WaveSettings
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class PlannedCase:
 
     @property
     def serving_media(self) -> list[ServingMedium]:
-        """The media that serve the loads, see :attr:`granphon.media.cases.Case.serving_media`."""
+        """The media that serve the loads, see :attr:`granphon.sweeps.cases.Case.serving_media`."""
         with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.serving_media
 
@@ -124,7 +124,7 @@ class PlannedCase:
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
             # False is the default of a scene, so it counts as not given
-            return serving.at(load, finite_overlap=self.case.finite_overlap or None)
+            return serving.at(load, finite_overlap=self.case.asked.finite_overlap or None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,16 +165,21 @@ class Plan:
         """Number of states; a state is one case at one load."""
         return self.n_cases * self.load.size
 
+    @property
+    def is_single(self) -> bool:
+        """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
+        return self.scene.is_single
+
     @cached_property
     def grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         scene = self.scene
         sound = "velocities" in scene.observe
-        return Grid(
-            scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap, scene.direction,
-            scene.waves, exponents=sound, sound=sound or not {"bands", "dos"} & set(scene.observe),
-            alone=not scene.is_sweep,
+        asked = Asked(
+            scene.finite_overlap, direction=scene.direction, waves=scene.waves, exponents=sound,
+            sound=sound or not {"bands", "dos"} & set(scene.observe), alone=self.is_single,
         )  # fmt: skip
+        return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, asked)
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
@@ -184,7 +189,7 @@ class Plan:
     @property
     def case(self) -> PlannedCase:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
-        if self.scene.is_sweep:
+        if not self.is_single:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
         return self.cases[0]
 
@@ -200,7 +205,7 @@ class Plan:
     @property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
-        return self.scene.is_sweep or bool(self.serving.arrays)
+        return not self.is_single or bool(self.serving.arrays)
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
@@ -233,7 +238,7 @@ class Plan:
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
                 # a sweep leaves it to its own processes to solve one law after the other
-                later = self.scene.is_sweep and medium.is_solved_anew
+                later = not self.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
             if not later:
@@ -249,7 +254,7 @@ class Plan:
         wanted = self.scene.waves
         if wanted is None or not self.scene.waves_need_arrays:
             return
-        from granphon.sweeps.wave_checks import require_waves  # imported here: a scene without waves does not need it
+        from granphon.sweeps.wave_records import require_waves  # imported here: a scene without waves does not need it
 
         for one in self.few:
             with self.origin.at("spectrum"):
@@ -265,7 +270,7 @@ class Plan:
         except MechanismError as error:
             if self.scene.parameters_of_branches:
                 mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
-            elif self.scene.is_sweep:
+            elif not self.is_single:
                 mend = "It has bands, which a sweep without velocities has: observe: [bands]"
             else:
                 mend = "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
@@ -299,12 +304,7 @@ class Plan:
             yield from one.states(lambda serving: serving.is_quick or (simulations if serving.arrays else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """Return the states that are quick to find, and words for what is left out, an empty text if nothing is.
-
-        Simulations, cluster media and effective media of long lists are left out. If there are more than :data:`MOST_CASES`
-        cases or :data:`MOST_STATES` states, so are all but those at the least and the greatest load and value of each
-        numeric parameter.
-        """
+        """See :meth:`granphon.scene.scene.Scene.survey`."""
         few, left = self, []
         if self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
@@ -338,11 +338,7 @@ class Plan:
     # -- cost -----------------------------------------------------------------------------------------------------------
 
     def cost(self) -> Cost | None:
-        """Memory and time of the whole work, its parts done one after the other; None if both are negligible.
-
-        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now, or more
-        time than any run has.
-        """
+        """See :meth:`granphon.scene.scene.Scene.cost`."""
         parts = [part for part in self.parts if part[2].tells]
         total = sum((cost for _, _, cost in parts), Cost())
         free, most = costs.available_memory(), costs.MOST_SECONDS
@@ -369,7 +365,7 @@ class Plan:
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, self._estimate_waves())
-        if scene.is_sweep:
+        if not self.is_single:
             path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)
             mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
             return [*out, waves, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]
@@ -383,21 +379,23 @@ class Plan:
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
         return out
 
+    def _sum_arrays(self, estimate: Callable[[DirectSimulation, Load], Iterable[Cost]], size: Callable[[Cost], Any]) -> Cost:
+        """Return the cost of all simulations, one after the other, with some estimates of each.
+
+        If only the cases at the ends of the axes are looked at, each estimate counts as the one of the largest ``size``.
+        """
+        arrays = [(medium, one.load) for case in self.few for one in case.serving_media for medium in one.arrays]
+        found = [cost for medium, load in arrays for cost in estimate(medium, load)]
+        if len(self.few) < self.n_cases and found:
+            return max(found, key=size).times(len(found) * self.n_cases / len(self.few))
+        return sum(found, Cost())
+
     def _estimate_waves(self) -> Cost:
         """Memory and time of the density of states, the spectral functions and the pulses of all simulated arrays."""
-        wanted = self.scene.waves
-        if wanted is None:
+        if (wanted := self.scene.waves) is None:
             return Cost()
-        found = [
-            cost
-            for one in self.few
-            for serving in one.serving_media
-            for medium in serving.arrays
-            for cost in self._estimate_waves_of(medium, serving.load, wanted)
-        ]
-        if len(self.few) < self.n_cases and found:
-            return max(found, key=lambda cost: cost.known).times(len(found) * self.n_cases / len(self.few))
-        return replace(sum(found, Cost()), parts=found[0].parts) if found else Cost()
+        total = self._sum_arrays(partial(self._estimate_waves_of, wanted=wanted), lambda cost: cost.known)
+        return replace(total, parts=total.parts[:1])
 
     def _estimate_waves_of(self, medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
         """Estimate the cost of the waves of a simulation at each load."""
@@ -432,20 +430,11 @@ class Plan:
         return costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
 
     def _estimate_simulations(self) -> Cost:
-        """Memory and time of all simulations, one after the other.
-
-        If only the cases at the ends of the axes are looked at, each simulation counts as the most expensive one of those.
-        """
-        scene = self.scene
-        found = [
-            costs.estimate(medium, serving.load, exponents="velocities" in scene.observe)
-            for one in self.few
-            for serving in one.serving_media
-            for medium in serving.arrays
-        ]
-        if len(self.few) < self.n_cases and found:
-            return max(found, key=lambda cost: cost.work).times(len(found) * self.n_cases / len(self.few))
-        return sum(found, Cost())
+        """Memory and time of all simulations."""
+        exponents = "velocities" in self.scene.observe
+        return self._sum_arrays(
+            lambda medium, load: [costs.estimate(medium, load, exponents=exponents)], lambda cost: cost.work
+        )
 
 
 def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:

@@ -1,25 +1,40 @@
-"""Drawing the results of a run again from the files in its folder, without computing them."""
+"""Drawing the results of runs again from the files in their folders, without computing them."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.errors import InputError, message
-from granphon.base.staging import ResultFiles
-from granphon.scene.result_files import SWEEP_FIGURES, draw_sweep, figure_name, read_summary, wave_files
-from granphon.scene.several import find_results, read_fit, read_unchanged, require_format
+from granphon.base.errors import InputError, MissingFileError, message
+from granphon.base.reading import read_bytes
+from granphon.base.staging import ResultFiles, read_written_files
+from granphon.base.text import read_yaml
+from granphon.scene.result_files import (
+    SAMPLE_WAVES,
+    SWEEP_FIGURES,
+    draw_sample_waves,
+    draw_spectra,
+    draw_sweep,
+    read_summary,
+)
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
+    from granphon.figures.runs import Run
 
 
-#: what of the waves in samples is drawn
-_WAVES = ("spectrum", "pulse", "dos")
-#: the names of files that mean one figure: of a sweep, and of what a run holds
+_FORMATS = (".pdf", ".png", ".svg")
+#: the figure of several runs, if it is given no name
+_FIGURE = "comparison.png"
+#: the files of results that are drawn over the load, as bands, and as densities of states
+DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
+#: what a state of one load leaves
+_SUMMARY, _SCENE = "summary.yaml", "scene.yaml"
+#: the names of files that mean one figure of waves in the arrays of a sweep
 _OF_SWEEPS = {Path(name).stem for name in SWEEP_FIGURES}
-_NAMED = _OF_SWEEPS | {Path(name).stem for name in wave_files(_WAVES)}
 
 
 def redraw(
@@ -52,23 +67,23 @@ def redraw(
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     source = Path(folder)
-    have = find_results(source)
-    waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
+    have = _find_results(source)
+    waves = [stem for stem in SAMPLE_WAVES if (source / f"{stem}.json").exists()]
     stem = None if out is None else Path(out).stem
-    there = {Path(name).stem for name in waves} | {one for one in _OF_SWEEPS if (source / f"{one}.csv").exists()}
-    if stem in _NAMED - there:
+    there = {*waves, *(one for one in _OF_SWEEPS if (source / f"{one}.csv").exists())}
+    if stem in {*SAMPLE_WAVES, *_OF_SWEEPS} - there:
         raise InputError(message(f"{source} holds no {stem} to draw", mend="Give the figure another name"))
     # the one that the file's name says; without bands and the like, the first
-    wave = next((name for name in waves if Path(name).stem == stem), None if have else next(iter(waves), None))
-    if wave is not None:
-        have = {wave: waves[wave]}
-    if not have:
+    wave = next((name for name in waves if name == stem), None if have else next(iter(waves), None))
+    if not (have or waves):
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv nor fit.yaml, and no waves of a simulation"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
         raise InputError(
             message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
         )
-    if wave is None and variable is None and not _OF_SWEEPS & {stem} and (spectra := {"band.yaml", "dos.csv"} & set(have)):
+    if wave is not None:
+        have = {}
+    elif variable is None and stem not in _OF_SWEEPS and (spectra := {"band.yaml", "dos.csv"} & set(have)):
         have = {name: path for name, path in have.items() if name in spectra}  # of a single state they are the figure
     swept, fitted = "sweep.nc" in have, "fit.yaml" in have
     if (swept or fitted) and asymptotes:
@@ -76,58 +91,195 @@ def redraw(
         raise InputError(message(what, "Long waves are drawn beside bands only", "Leave asymptotes out"))
     if variable is not None and not swept:
         raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
-    target = source if out is None else Path(out).parent
-    name = "sweep.png" if swept else "fit.png" if fitted else figure_name("band.yaml" in have)
-    name = name if wave is None else wave.replace(".json", ".png")
-    name = name if out is None else Path(out).name
-    require_format(name)
+    kind = wave or ("sweep" if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
+    target = source / f"{kind}.png" if out is None else Path(out)
+
+    def draw() -> Any:
+        if wave is not None:
+            from granphon.scene.sample_waves import read_waves
+
+            return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
+        if fitted and not swept:
+            from granphon.figures.fits import fit_figure
+
+            return fit_figure(_read_fit(have["fit.yaml"]))
+        found = _read_files(str(source), have)
+        if found.dataset is not None:
+            return draw_sweep(found.dataset, target.name, variable)
+        lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
+        return draw_spectra(found.bands, found.dos, lattice)
+
+    return _draw(target, force, draw, [source], backend)
+
+
+def draw_together(
+    sources: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str] | None = None,
+    force: bool = False,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    data: Sequence[str | os.PathLike[str]] = (),
+    backend: str | None = None,
+) -> Path:
+    """Draw the results of several runs in one figure, and return the path of its file.
+
+    Parameters
+    ----------
+    sources : folders of runs and of fits, or files of results in them.
+    out : file of the figure, whose ending .pdf, .png or .svg is the format; by default comparison.png in the working folder.
+    force : overwrite a file that granphon wrote and that was not changed since.
+    x, y, data : as in :func:`granphon.figures.comparison.plot_together`.
+    backend : matplotlib backend that draws.
+
+    Raises
+    ------
+    MissingFileError : there is no such folder or file, or a file of a run is missing.
+    InputError : the runs cannot share an axis, a file is damaged, or the format is unknown; nothing is written then.
+    FigureError : matplotlib cannot draw it.
+    FileExistsInRunError, OutputError : the figure cannot be written.
+    """
+    names = [str(source) for source in sources]
+    if (double := next((name for name in names if names.count(name) > 1), None)) is not None:
+        raise InputError(message(f"{double} is given twice", mend="Give each run once"))
+
+    def draw() -> Any:
+        from granphon.figures.comparison import comparison_figure
+
+        runs = [read_run(name) for name in names]
+        balls = _find_balls_per_side(names) if data else None
+        return comparison_figure(runs, x=x, y=y, data=data, balls_per_side=balls)
+
+    given = [Path(name) for name in (*names, *map(str, data))]
+    folders, files = [path for path in map(Path, names) if path.is_dir()], [one for one in given if one.is_file()]
+    return _draw(Path(_FIGURE if out is None else out), force, draw, folders, backend, files)
+
+
+def _draw(
+    target: Path, force: bool, draw: Callable[[], Any], folders: Sequence[Path], backend: str | None,
+    inputs: Collection[Path] = (),
+) -> Path:  # fmt: skip
+    """Write the figure that ``draw`` draws of the results in ``folders`` into the file ``target``, and return its path."""
+    if target.suffix not in _FORMATS:
+        what = f"{target.name} has an ending that names no figure format"
+        raise InputError(message(what, mend="Use " + ", ".join(_FORMATS)))
     # lock before anything is read, so that no run can replace the results while the figure of them is drawn
-    with ResultFiles(target, [name], force).open() as locked:
-
-        def draw() -> Any:
-            if wave is not None:
-                return _draw_waves(wave, have[wave])
-            if swept:
-                return _read_sweep(have["sweep.nc"], name, variable)
-            return _draw_fit(have["fit.yaml"]) if fitted else _draw_spectra(source, have, asymptotes)
-
-        figure = read_unchanged([source], draw)
+    with ResultFiles(target.parent, [target.name], force, inputs=inputs).open() as locked:
+        before = [read_written_files(folder) for folder in folders]
+        figure = draw()
+        for folder, written in zip(folders, before, strict=True):
+            if read_written_files(folder) != written:
+                what = f"{folder} was written into while it was read"
+                raise InputError(message(what, "The figure would mix two results", "Draw it again"))
         from granphon.figures.style import save_figure
 
         with locked.staging() as place:
-            save_figure(figure, place / name, backend=backend)
-    return target / name
+            save_figure(figure, place / target.name, backend=backend)
+    return target
 
 
-def _read_sweep(path: Path, name: str, variable: str | None) -> Any:
-    from granphon.sweeps.archive import load_sweep
-
-    return draw_sweep(load_sweep(path), name, variable)
+# -- reading --------------------------------------------------------------------------------------------------------
 
 
-def _draw_fit(path: Path) -> Any:
-    from granphon.figures.fits import fit_figure
+def read_run(source: str | os.PathLike[str]) -> Run:
+    """Read the results in the folder of a run, or in one of its files.
 
-    return fit_figure(read_fit(path))
+    Raises :class:`~granphon.base.errors.MissingFileError` if there is nothing of that name, and
+    :class:`~granphon.base.errors.InputError` if it holds no results, or damaged ones.
+    """
+    path, name = Path(source), str(source)
+    if path.name == _SUMMARY and path.is_file():
+        read_summary(path.parent)
+        path = path.with_name("sweep.nc")  # whose numbers it tells
+    have = {_name_kind(path): path} if path.is_file() else _find_results(path)
+    if not have:
+        what = f"{name} holds no results to draw with others"
+        raise InputError(message(what, mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc"))
+    return _read_files(name, have)
 
 
-def _draw_waves(name: str, path: Path) -> Any:
-    from granphon.scene.sample_waves import draw_waves, read_waves
+def _read_files(name: str, have: dict[str, Path]) -> Run:
+    """Read the files of a run or of a fit; beside a fit nothing else is read."""
+    from granphon.figures.runs import Run
 
-    return draw_waves(name.replace(".json", ".png"), read_waves(path))
+    if "fit.yaml" in have and "sweep.nc" not in have:
+        return Run.of(name, _read_fit(have["fit.yaml"]))
+    dataset = bands = dos = None
+    if "sweep.nc" in have:
+        from granphon.sweeps.archive import load_sweep
+
+        dataset = load_sweep(have["sweep.nc"])
+    if "band.yaml" in have:
+        from granphon.phonons.bands import Bands
+
+        bands = Bands.read(have["band.yaml"])
+    if "dos.csv" in have:
+        from granphon.phonons.dos import DensityOfStates
+
+        dos = DensityOfStates.read_csv(have["dos.csv"])
+    return Run(name, dataset=dataset, bands=bands, dos=dos)
 
 
-def _draw_spectra(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
-    from granphon.figures.bands import bands_figure
-    from granphon.phonons.bands import Bands  # this module does not load phonopy
-    from granphon.phonons.dos import DensityOfStates
+def _read_fit(path: Path) -> Any:
+    from granphon.fits.fit import WidthFit
 
-    bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
-    dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
-    lattice = None
-    if asymptotes and bands is not None:
-        lattice = _find_lattice(source)
-    return bands_figure(bands=bands, dos=dos, asymptotes=lattice)
+    return WidthFit.from_dict(read_yaml(path))
+
+
+def _find_results(source: Path) -> dict[str, Path]:
+    """Return the files of the run in a folder that are drawn, by name.
+
+    Raises :class:`~granphon.base.errors.MissingFileError` if there is no such folder, or a file is missing that a run wrote.
+    """
+    if not source.is_dir():
+        what = f"{source} is no folder" if os.path.lexists(source) else f"there is no folder {source}"
+        raise MissingFileError(message(what, mend="Give the folder of a run"))
+    # whatever has the name is read, and a folder or a link to nothing is then an error
+    have = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
+    if lost := [name for name in DRAWN if name not in have and name in _list_results(source)]:
+        what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
+        mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
+        raise MissingFileError(message(what, "The figure would leave it out", mend))
+    return have
+
+
+def _list_results(folder: Path) -> set[str]:
+    """Return the names of the files of the run in ``folder``, as granphon's hidden list or summary.yaml tells them."""
+    names = set(read_written_files(folder))
+    with suppress(InputError, AttributeError, TypeError):  # without a summary that can be read, the list alone counts
+        names |= set(read_yaml(folder / _SUMMARY).get("files", ()))
+    return names
+
+
+def _name_kind(path: Path) -> str:
+    """Return the name under which a file of results is known, by its ending where it was renamed."""
+    if path.name in DRAWN:
+        return path.name
+    known = {".nc": "sweep.nc"}
+    if path.suffix == ".csv" and read_bytes(path).startswith(b"frequency_Hz"):
+        known[".csv"] = "dos.csv"  # other tables are for spreadsheets
+    if path.suffix == ".yaml":
+        raw = read_bytes(path)
+        known |= (
+            {".yaml": "fit.yaml"} if b"class: WidthFit" in raw else {".yaml": "band.yaml"} if b"\nphonon:" in raw else {}
+        )
+    if path.suffix not in known:
+        mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
+        raise InputError(message(f"{path} is no folder, and no file of results that is drawn", mend=mend))
+    return known[path.suffix]
+
+
+def _find_balls_per_side(sources: Sequence[str | os.PathLike[str]]) -> int | None:
+    """Return the number of balls on a side of the hexagonal frame that the scenes of runs tell; None if it is not one."""
+    from granphon.scene.scene import Scene
+
+    found = set[Any]()
+    for source in map(Path, sources):
+        place = (source if source.is_dir() else source.parent) / _SCENE
+        if place.is_file():
+            found.add(Scene.from_yaml(place).load.balls_per_side)
+    found.discard(None)
+    return int(found.pop()) if len(found) == 1 else None
 
 
 def _find_lattice(source: Path) -> ContactLattice:

@@ -14,18 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.array.atoms import write_extxyz
-from granphon.array.pressed_sample import PressedSample
 from granphon.base.errors import InputError, message
 from granphon.base.notebook import write_html
-from granphon.base.progress import Step
 from granphon.dynamics.local_field import LocalField
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.scene.plan import Plan
-from granphon.scene.result_files import SAMPLE_TABLES, SWEEP_FIGURES, draw_sweep
+from granphon.scene.result_files import draw_figure
 from granphon.scene.specification import Specification
 from granphon.waves.settings import POLARISATIONS
 
@@ -93,7 +90,7 @@ class RunResult:
 
     @cached_property
     def _analysis(self) -> Analysis:
-        if not self.plan.grid.alone:
+        if not self.plan.is_single:
             raise InputError(message("the result is that of a sweep", "It has no single state", "Take its dataset"))
         return Analysis(self.plan.state(), self.scene.direction) if self.given is None else self.given
 
@@ -126,7 +123,7 @@ class RunResult:
         """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
         from granphon.sweeps.dataset import list_finite_overlap
 
-        if self.plan.grid.alone:
+        if self.plan.is_single:
             return bool(self.state.finite_overlap)
         found = list_finite_overlap(self.dataset)
         return found if len(set(found)) > 1 else found[0]
@@ -141,7 +138,7 @@ class RunResult:
         Of several states these are the sizes of the dimensions, the number of states, the media, and the least and the
         greatest force, overlap and velocities; with the direction of sound, if it was given or velocities depend on it.
         """
-        return self._summarise_state() if self.plan.grid.alone else self._summarise_states()
+        return self._summarise_state() if self.plan.is_single else self._summarise_states()
 
     def _summarise_state(self) -> dict[str, Any]:
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
@@ -196,41 +193,6 @@ class RunResult:
             return ()
         return ("pulse.json", "pulse.csv", "pulse.png")
 
-    def write(self, place: Path, step: Step) -> None:
-        """Write the data set, its tables, and the exports of a single state into the existing folder ``place``."""
-        from granphon.sweeps.archive import write_sweep, write_waves
-
-        write_sweep(self.dataset, place / "sweep.nc")
-        step.advance(2)
-        if not self.plan.grid.alone:
-            step.advance(len(write_waves(self.dataset, place)))
-        if self.waves is not None:
-            (sample, *_) = self.state.samples
-            write_extxyz(place / "sample.extxyz", sample.atoms())
-            step.advance()
-            if isinstance(sample, PressedSample):
-                sample.network.write_tables(*(place / name for name in SAMPLE_TABLES))
-                step.advance(len(SAMPLE_TABLES))
-            self.waves.write(place, step)
-        if self.bands is not None and self.phonons is not None:
-            self.bands.write(place / "band.yaml")
-            self.phonons.save(place / "phonopy_params.yaml")
-            step.advance(2)
-        if self.dos is not None:
-            self.dos.write_csv(place / "dos.csv")
-            step.advance()
-
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
-        if name in ("sweep.png", *SWEEP_FIGURES):
-            return draw_sweep(self.dataset, name)
-        if name == "forces.png":
-            from granphon.figures.forces import forces_figure
-
-            return forces_figure(self.state)
-        if name in ("bands.png", "dos.png"):
-            from granphon.figures.bands import bands_figure
-
-            return bands_figure(bands=self.bands, dos=self.dos)
-        assert self.waves is not None
-        return self.waves.figure(name)
+        return draw_figure(self, name)

@@ -24,13 +24,13 @@ from granphon.scene.result_files import (
     WORK_FILE,
     expected_files,
     list_files,
+    write_numbers,
 )
 from granphon.scene.results import RunResult
 from granphon.scene.rules import DIAMETERS_FILE
-from granphon.sweeps.records import SampleRecord
+from granphon.sweeps.samples import SampleRecord
 from granphon.sweeps.store import Store, TaskResult, open_store
-from granphon.sweeps.sweep import SweepRun
-from granphon.sweeps.unfinished import keep_incomplete
+from granphon.sweeps.sweep import SweepRun, keep_incomplete
 from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def run(
         with plan.place_errors():
             work = SweepRun.of(plan.grid, **scene.bands)
             try:
-                if plan.grid.alone:
+                if plan.is_single:
                     result = _run_alone(plan, target, work, progress, executor, store)
                 else:
                     result = RunResult(plan, target, work.join(work.do(executor, progress, store)))
@@ -102,7 +102,7 @@ def run(
             _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
             if scene.diameters is not None:
                 _write(place / DIAMETERS_FILE, scene.diameters)
-            result.write(place, step)
+            write_numbers(result, place, step.advance)
             failures: dict[str, str] = {}
             if drawn:
                 from granphon.figures.style import draw
@@ -139,7 +139,7 @@ def _run_alone(
         parts = work.do(executor, progress, store)
     else:
         store.claim(None)
-    state = work.works[0].restore(parts) if parts else plan.state()
+    state = work.cases[0].restore(parts) if parts else plan.state()
     with plan.origin.where_it_buckles():
         analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
         dataset = work.join_alone(analysis, records)
@@ -173,7 +173,7 @@ def _add_spectra(result: RunResult, progress: Progress) -> RunResult:
 def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
     scene, numbers = result.scene, result.summary()
     limits: dict[str, Any] = {}
-    if result.plan.grid.alone:
+    if result.plan.is_single:
         checks = [
             {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
             for c in result.validity.checks

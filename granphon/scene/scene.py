@@ -61,11 +61,6 @@ class Scene(Specification):
         """Plan of the scene: its cases, the media that serve them, their states and cost, each computed once."""
         return Plan.of(self, self._origin)
 
-    @property
-    def has_tasks(self) -> bool:
-        """Whether its work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
-        return self.plan.has_tasks
-
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""

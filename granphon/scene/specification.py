@@ -16,13 +16,13 @@ from granphon.balls.parameters import Axis, change_packing
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
-from granphon.media.cases import require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.phonons.paths import BandPath, read_paths
 from granphon.scene import rules
 from granphon.scene.fields import scene_rule, write_blocks
 from granphon.scene.reader import SceneSource
 from granphon.scene.rules import Context
+from granphon.sweeps.cases import require_arrays
 from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings
 
 
@@ -124,9 +124,9 @@ class Specification:
         return bool({"spectrum", "pulse"} & set(self.observe))
 
     @property
-    def is_sweep(self) -> bool:
-        """Whether there is more than one load or medium, or a parameter is swept."""
-        return len(self.load.values) > 1 or len(self.media) > 1 or bool(self.parameters)
+    def is_single(self) -> bool:
+        """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
+        return len(self.load.values) == len(self.media) == 1 and not self.parameters
 
     def to_yaml(self) -> str:
         """Return the text of the scene with every default written out and quantities in SI units.
@@ -190,7 +190,7 @@ class Specification:
     def _require_waves(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if there are no arrays for the waves that it observes."""
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
-        names = [name for name in WAVES if name in self.observe and (self.is_sweep or name != "dos")]
+        names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
         try:
             require_arrays(self.media, dict(self.parameters), names)
         except InputError as error:

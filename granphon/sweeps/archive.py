@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -128,41 +129,40 @@ def _read_content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
 
 def _write_table(dataset: Dataset, path: Path) -> None:
     """Write one row for each load, medium, combination of parameters and direction of sound, with all digits."""
-    load = next(name for name in LOADS if name in dataset.coords)
     along = ("direction",) * ("direction" in dataset.coords)  # a single direction is a coordinate without a dimension
     own = dataset["valid"].dims
     dims = (*own, *(name for name in along if name in dataset.dims))
-    grid = dataset["valid"].broadcast_like(dataset[list(along)])
-    names = [load, *own[1:], *along, *(name for name, data in dataset.data_vars.items() if data.dims in (own, dims))]
-    headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
-    columns = [dataset[name].broadcast_like(grid).transpose(*dims).values.ravel() for name in names]
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        write_table(stream, headings, zip(*(column.tolist() for column in columns), strict=True))
+    columns = [name for name, data in dataset.data_vars.items() if data.dims in (own, dims)]
+    _write_rows(dataset, path, dims, [*along, *columns])
 
 
-def write_waves(dataset: Dataset, folder: Path) -> list[str]:
-    """Write tables of the waves in simulated arrays, if the sweep has any, into ``folder``, and return their names.
+#: tables of the waves in simulated arrays, each with what runs over the rows besides the states
+_WAVE_TABLES = {
+    "sweep_dos.csv": ("node",),
+    "sweep_spectra.csv": ("polarisation", "wavevector"),
+}
+
+
+def write_waves(dataset: Dataset, path: Path) -> None:
+    """Write a table of the waves in simulated arrays, by the name of the file.
 
     sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector.
     """
-    load = next(name for name in LOADS if name in dataset.coords)
-    own, written = dataset["valid"].dims, list[str]()
-    for name, first, extra in (
-        ("sweep_dos.csv", "dos_frequency", ("node",)),
-        ("sweep_spectra.csv", "line_frequency", ("polarisation", "wavevector")),
-    ):
-        if first not in dataset:
-            continue
-        dims = (*own, *extra)
-        grid = dataset[first]
-        whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
-        names = [load, *own[1:], *(one for one in extra if one in dataset.coords), *whole]
-        headings = [Heading(str(one), dataset[one].attrs.get("units", "")) for one in names]
-        columns = [dataset[one].broadcast_like(grid).transpose(*dims).values.ravel() for one in names]
-        with (folder / name).open("w", encoding="utf-8", newline="") as stream:
-            write_table(stream, headings, zip(*(column.tolist() for column in columns), strict=True))
-        written.append(name)
-    return written
+    extra = _WAVE_TABLES[path.name]
+    dims = (*dataset["valid"].dims, *extra)
+    whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
+    _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])
+
+
+def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
+    """Write a row for each point of the grid of ``dims``: the load, medium and parameters, and then the ``columns``."""
+    load, own = next(name for name in LOADS if name in dataset.coords), dataset["valid"].dims
+    names = [load, *own[1:], *columns]
+    grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
+    headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
+    values = [dataset[name].broadcast_like(grid).transpose(*dims).values.ravel() for name in names]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        write_table(stream, headings, zip(*(column.tolist() for column in values), strict=True))
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:

@@ -16,13 +16,13 @@ from granphon.base.errors import InputError, message
 from granphon.base.quantities import LOADS
 from granphon.base.text import versions
 from granphon.dynamics.long_waves import voigt_names
-from granphon.media.cases import Grid, label_warnings
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
-from granphon.sweeps.jobs import Work, tell_warnings, to_json
+from granphon.sweeps.cases import Grid, label_warnings
 from granphon.sweeps.store import TaskResult
+from granphon.sweeps.tasks import CaseTasks, tell_warnings, to_json
 from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _OF_WAVES = ("pulse", "spectrum", "dos")
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class PathPoints:
     """The path of the bands, s segments of p points.
 
     ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
@@ -49,7 +49,7 @@ class Way:
     labels: tuple[str, ...]
 
     @classmethod
-    def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> Way:
+    def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> PathPoints:
         """Lay the path that all packings share; :class:`InputError` if there is no such path."""
         first = packings[0]
         if len({(one.structure, one.ball_motions) for one in packings}) > 1:
@@ -69,12 +69,12 @@ class Way:
         return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
 
 
-def make_frame(grid: Grid, way: Way | None) -> Dataset:
+def make_frame(grid: Grid, path: PathPoints | None) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
-    load, packing = grid.load, grid.cases[0].packing
-    finite = [one.has_finite_overlap(grid.finite_overlap) for one in grid.media]
+    load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
+    finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
     loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
@@ -83,7 +83,7 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
     along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
-    if (given := grid.direction) is not None:
+    if (given := asked.direction) is not None:
         many = isinstance(given[0], tuple)
         names = np.array(_name_directions(given if many else (given,)))
         along = f"{', '.join(names.tolist())}, Cartesian"
@@ -94,9 +94,9 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
         "finite_overlap": int(all(finite)), "direction": along,
     }  # fmt: skip
-    variables: dict[str, Any] = {} if way is None else _list_path_variables(way, finite)
-    if (waves := grid.waves) is not None:
-        attrs["waves"] = to_json({"of": waves, "exponents": grid.exponents})
+    variables: dict[str, Any] = {} if path is None else _list_path_variables(path, finite)
+    if (waves := asked.waves) is not None:
+        attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})
         if waves.spectrum is not None:
             from granphon.waves.path_spectra import join_labels  # imported here: other sweeps do not need it
 
@@ -104,7 +104,7 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
-    if grid.finite_overlap and not all(one.is_exact for one in grid.media):
+    if asked.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
 
@@ -151,22 +151,22 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[TaskResult]) -> Dataset:
+def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: Sequence[TaskResult]) -> Dataset:
     """Return the frame with the results of the cases, ``parts``, filled in."""
     load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     along = ("direction",) * ("direction" in frame.dims)
     voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
     sizes = {name: part[name].shape[1:] for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].sampled}
-    parts = [_fill_errors(work, part, sizes) for work, part in zip(works, parts, strict=True)]
+    parts = [_fill_errors(case, part, sizes) for case, part in zip(cases, parts, strict=True)]
     labels = [case.label for case in grid.cases]
     told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
-    warnings = list(dict.fromkeys(text for _, text in told)) if grid.alone else label_warnings(told)
-    if any(serving.chosen_automatically for work in works for serving in work.case.serving_media):
-        parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
+    warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
+    if any(serving.chosen_automatically for one in cases for serving in one.case.serving_media):
+        parts = [part | one.choices() for one, part in zip(cases, parts, strict=True)]
     # keep the variables that every case has
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     packing = grid.cases[0].packing
@@ -183,17 +183,17 @@ def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Task
         )
     if "tensor" in names:
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
-    path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
-    return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
+    along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
+    return frame.drop_vars(list(along_path)).assign(variables).assign(along_path).assign_attrs(warnings=to_json(warnings))
 
 
-def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ...]]) -> TaskResult:
+def _fill_errors(case: CaseTasks, part: TaskResult, sizes: Mapping[str, tuple[int, ...]]) -> TaskResult:
     """Return a result with the standard errors in ``sizes``, each with its shape at one load, that it lacks.
 
     They are zero for a medium that samples nothing, and nan, not known, for a single sample.
     """
-    error = np.zeros(work.case.load.size)
-    for serving in work.case.serving_media:
+    error = np.zeros(case.case.load.size)
+    for serving in case.case.serving_media:
         error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
     each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
     return part | {name: one for name, one in each.items() if name not in part}
@@ -253,16 +253,16 @@ def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, st
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
 
 
-def _list_path_variables(way: Way, finite_overlap: Sequence[bool]) -> dict[str, Any]:
+def _list_path_variables(path: PathPoints, finite_overlap: Sequence[bool]) -> dict[str, Any]:
     # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
     unit = "1/a" if all(finite_overlap) else "1/d" + ", or 1/a of media with finite overlap" * any(finite_overlap)
     return {
         "qpoints": (
-            ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
+            ("segment", "point", "fraction"), path.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
         ),
         "distances": (
-            ("segment", "point"), way.distances,
+            ("segment", "point"), path.distances,
             {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"},
         ),
-        "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
+        "labels": ("corner", np.array(path.labels), {"long_name": "corners of the path"}),
     }  # fmt: skip

@@ -1,6 +1,6 @@
 """Many states at once: loads, media and parameters of the packing, as one labelled data set.
 
-The work is cut into tasks (:mod:`granphon.sweeps.jobs`), and the results are put in place by index. With a path each
+The work is cut into tasks (:mod:`granphon.sweeps.tasks`), and the results are put in place by index. With a path each
 finished task is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
 """
 
@@ -10,10 +10,10 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
-from dataclasses import dataclass
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate, pairwise
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -24,22 +24,29 @@ from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
-from granphon.base.errors import ConvergenceError, GranphonError, InputError, InstabilityError, MechanismError, message
+from granphon.base.errors import (
+    ConvergenceError,
+    GranphonError,
+    InputError,
+    InstabilityError,
+    MechanismError,
+    OutputError,
+    message,
+)
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.media.cases import Case, Grid, require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import Analysis
 from granphon.phonons.paths import BandPath
 from granphon.sweeps.archive import file_names, load_sweep, write_sweep
-from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
-from granphon.sweeps.jobs import Asked, Job, Work, to_json
-from granphon.sweeps.records import SampleRecord
+from granphon.sweeps.cases import Asked, Case, Grid, require_arrays
+from granphon.sweeps.dataset import PathPoints, collect_identity, fill, make_frame
+from granphon.sweeps.execution import solve_all
+from granphon.sweeps.samples import SampleRecord
 from granphon.sweeps.store import Store, TaskResult, open_store
-from granphon.sweeps.tasks import solve_all
-from granphon.sweeps.unfinished import incomplete_files, keep_incomplete, require_complete, strip
+from granphon.sweeps.tasks import INCOMPLETE, CaseTasks, drop_marks, require_complete, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
 
 if TYPE_CHECKING:
@@ -159,7 +166,8 @@ def sweep(
     along = _parse_direction(lattice, direction)
     waves = _parse_waves(dos, spectrum, pulse, lattice, along)
     # bands are those of a mechanism too
-    grid = Grid(packing, axes, choices, load, finite_overlap, along, waves, sound=bands is None)
+    asked = Asked(finite_overlap, direction=along, waves=waves, sound=bands is None)
+    grid = Grid(packing, axes, choices, load, asked)
     if waves is not None:
         require_arrays(choices, parameters, waves.names)
         for case in grid.cases:
@@ -188,79 +196,74 @@ def sweep_grid(
     Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
     """
     run = SweepRun.of(grid, bands, npoints, labels)
-    target = _choose_target(path, resume)
-    if target is not None and resume and not overwrite and (there := _load_complete(target, run.frame)) is not None:
-        return there
-    files = (
-        None
-        if target is None
-        else ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_files(target.name))
-    )
-    folder = nullcontext() if files is None else files.open()
-    own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
-    with folder as locked, own if store is None else nullcontext(store) as place:
+    target = None if path is None else Path(path)
+    if target is None and resume:
+        what, why = "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file"
+        raise InputError(message(what, why, "Give path"))
+    if target is None:
+        with nullcontext(store) if store is not None else open_store(None) as place:
+            return run.join(run.do(executor, progress, place))
+    if target.suffix != ".nc":
+        raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
+    names = file_names(target)
+    if resume and not overwrite and is_whole(target.parent, names):
+        there = load_sweep(target)
+        if collect_identity(there) == json.loads(to_json(collect_identity(run.frame))):
+            return there
+    files = ResultFiles(target.parent, names, overwrite, earlier=_incomplete_files(target.name))
+    own = open_store(target.with_name(f".{target.name}.partial"), overwrite)
+    with files.open() as locked, own if store is None else nullcontext(store) as place:
         try:
             dataset = run.join(run.do(executor, progress, place))
         except ConvergenceError as error:
-            if locked is None or target is None or error.reached is None:
+            if error.reached is None:
                 raise
             raise keep_incomplete(error, locked, target.name, place) from None
-        if locked is not None and target is not None:
-            with locked.staging() as stage:
-                write_sweep(dataset, stage / target.name)
+        with locked.staging() as stage:
+            write_sweep(dataset, stage / target.name)
     return dataset
 
 
 @dataclass(frozen=True, eq=False)
 class SweepRun:
-    """The work of a sweep: its frame, and the work on each case."""
+    """The work of a sweep: its frame, and the tasks of each case."""
 
     grid: Grid
     frame: Dataset
-    works: tuple[Work, ...]
+    cases: tuple[CaseTasks, ...]
 
     @classmethod
     def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
-        cases = grid.cases
-        way = None if bands is None else Way.of([case.packing for case in cases], bands, npoints, labels)
-        frame = make_frame(grid, way)
-        if grid.sound:
-            _require_sound(cases)
-        asked = Asked(
-            grid.finite_overlap, None if way is None else way.qpoints, grid.direction, grid.waves, grid.exponents,
-            grid.sound, grid.alone,
-        )  # fmt: skip
-        return cls(grid, frame, tuple(Work(case, asked) for case in cases))
-
-    @property
-    def pieces(self) -> list[Job]:
-        """The tasks, in the order of the cases."""
-        return [piece for work in self.works for piece in work.pieces]
+        path = None if bands is None else PathPoints.of([case.packing for case in grid.cases], bands, npoints, labels)
+        frame, asked = make_frame(grid, path), replace(grid.asked, qpoints=None if path is None else path.qpoints)
+        if asked.sound:
+            _require_sound(grid.cases)
+        return cls(grid, frame, tuple(CaseTasks(replace(case, asked=asked)) for case in grid.cases))
 
     def do(
         self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None
     ) -> list[TaskResult]:
-        """Do all :attr:`pieces`, whose results the ``store`` keeps, and return these."""
-        place, pieces = store or Store(), self.pieces
-        place.claim(collect_identity(self.frame), lambda: [piece.name for piece in pieces])
-        return solve_all("simulation" if self.grid.alone else "sweep", pieces, executor, progress, place)
+        """Do all tasks, case by case, whose results the ``store`` keeps, and return these."""
+        place, tasks = store or Store(), [task for case in self.cases for task in case.tasks]
+        place.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
+        return solve_all("simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place)
 
     def join(self, found: Sequence[TaskResult]) -> Dataset:
-        """Return the data set from the results of the :attr:`pieces`.
+        """Return the data set from the results of all tasks.
 
         :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its ``reached`` is the data set of the
         loads before.
         """
-        ends = accumulate((len(work.pieces) for work in self.works), initial=0)
-        parts = [work.join(found[a:b]) for work, (a, b) in zip(self.works, pairwise(ends), strict=True)]
-        dataset = fill(self.frame, self.grid, self.works, [strip(part) for part in parts])
+        left = iter(found)
+        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.cases]
+        dataset = fill(self.frame, self.grid, self.cases, [drop_marks(part) for part in parts])
         require_complete(parts, dataset)
         return dataset
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
         """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
-        return fill(self.frame, self.grid, self.works, [self.works[0].observe_alone(analysis, records)])
+        return fill(self.frame, self.grid, self.cases, [self.cases[0].observe_alone(analysis, records)])
 
 
 def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
@@ -319,7 +322,9 @@ def _require_sound(cases: Sequence[Case]) -> None:
     for case in cases:
         packing = case.packing
         present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
-        pushed = case.finite_overlap and not case.medium.is_exact  # an array is not the lattice, and has its own forces
+        pushed = (
+            case.asked.finite_overlap and not case.medium.is_exact
+        )  # an array is not the lattice, and has its own forces
         kind = (packing.structure, present, packing.ball_motions, pushed)
         if kind in known:
             continue
@@ -334,7 +339,7 @@ def _require_sound(cases: Sequence[Case]) -> None:
 
 def _require_waves(case: Case, wanted: WaveSettings) -> None:
     """Raise, with the case in front, if it is known that its arrays do not have the waves that are wanted."""
-    from granphon.sweeps.wave_checks import require_waves  # imported here: a sweep without waves does not need it
+    from granphon.sweeps.wave_records import require_waves  # imported here: a sweep without waves does not need it
 
     try:
         require_waves(case.serving_media, wanted)
@@ -342,24 +347,25 @@ def _require_waves(case: Case, wanted: WaveSettings) -> None:
         raise type(error)(f"{case.label}: {error}") from None
 
 
-def _choose_target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
-    if path is None:
-        if resume:
-            raise InputError(
-                message(
-                    "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file", "Give path"
-                )
-            )
-        return None
-    target = Path(path)
-    if target.suffix != ".nc":
-        raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
-    return target
+# -- paths of loads that end early -----------------------------------------------------------------------------------
 
 
-def _load_complete(target: Path, frame: Dataset) -> Dataset | None:
-    """Return the sweep in ``target`` if it is complete and is the one that ``frame`` describes; otherwise None."""
-    if not is_whole(target.parent, file_names(target)):
-        return None
-    there = load_sweep(target)
-    return there if collect_identity(there) == json.loads(to_json(collect_identity(frame))) else None
+def _incomplete_files(name: str) -> list[str]:
+    """Return the names of the files for the loads that were reached, of a sweep whose result has this ``name``."""
+    path = Path(name)
+    return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
+
+
+def keep_incomplete(error: GranphonError, files: ResultFiles, name: str, store: Store) -> GranphonError:
+    """Write the data set that an error has ``reached`` into a folder under lock, and return the error which says so.
+
+    The finished tasks are deleted then. If the files cannot be written, these stay, and the error is returned as it is.
+    """
+    names, count = _incomplete_files(name), error.reached.sizes["load"]
+    with suppress(OutputError):
+        with replace(files, names=names, force=True, earlier=()).staging() as place:
+            write_sweep(error.reached, place / names[0])
+        store.clear()
+        told = f"The {count} loads that were reached are" if count > 1 else "The load that was reached is"
+        return error.restate(f"{error} {told} in {' and '.join(names)} in {files.folder}.")
+    return error

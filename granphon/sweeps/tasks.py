@@ -1,232 +1,480 @@
-"""Work that can run side by side, on any executor, and that an interruption does not undo.
+"""The tasks of a run: one medium on one packing at all loads that it serves, or one sample of a simulation, load by load.
 
-A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
-run anywhere and in any order. A long one is done in steps: each is a call of its own, and its result is kept in the store as
-soon as it comes back. Short ones share calls of a tenth of a second.
+Tasks are plain data, see :mod:`granphon.sweeps.execution`. Of each sample only the few numbers that are averaged are kept,
+and of a single state its balls too, for files and figures of them. The averages equal those of one simulation of all
+samples, to the last bit.
+
+A sample that is loaded with friction may not reach all loads of its path. Its task is then done as far as it goes: the
+result has the loads that were reached, and as marks the places of the others and why the path ended. When all tasks are
+done, the run is an error, with the data set at the loads that all tasks have reached.
 """
 
 from __future__ import annotations
 
-import math
-import platform
-import time
-from collections import Counter, deque
-from collections.abc import Mapping, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import suppress
-from itertools import chain
-from queue import Empty, SimpleQueue
-from typing import NamedTuple, Protocol
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+from typing import TYPE_CHECKING, Any
 
-from granphon.base.errors import GranphonError, OutputError, message
-from granphon.base.progress import Progress, Step, silent
-from granphon.sweeps.schedulers import check_workers, client_of, count_calls
-from granphon.sweeps.store import Store, TaskResult, decode, encode
-from granphon.sweeps.workers import InProcess, packages, require_packages
+import numpy as np
+from numpy.typing import NDArray
 
-#: time after which a worker begins nothing more of a call, s
-CALL_SECONDS = 0.1
-#: number of workers that are lost with a task before it counts as the reason; the last one has nothing else to do
-MOST_LOSSES = 3
-#: longest time for which a result is waited for before the executor is asked for its workers again, s
-_LOOK_SECONDS = 2.0
-#: longest time for which calls under way are waited for after an error or an interruption, s
-_PATIENCE = 0.5
+from granphon.balls.loads import Load
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
+from granphon.base.results import plain
+from granphon.base.text import counted
+from granphon.media.choice import ServingMedium
+from granphon.media.cost import estimate
+from granphon.media.equilibria import sort_by_load
+from granphon.media.simulation import DirectSimulation, SimulatedState
+from granphon.media.state import ContactState
+from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
+from granphon.observables.validity import Tally
+from granphon.observables.velocities import warn_of_free_branches
+from granphon.sweeps.archive import SWEEP_SCHEMA
+from granphon.sweeps.cases import Asked, Case
+from granphon.sweeps.samples import RecordedState, SampleRecord, keep_balls, restore_sample
+from granphon.sweeps.store import TaskResult
+from granphon.sweeps.workers import packages
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 
-class Task(Protocol):
-    """A piece of work, in one step or more."""
+Array = NDArray[Any]
+#: warning that goes with the bands of a simulation
+LATTICE_BANDS = (
+    "bands and densities of states are those of a regular lattice with the mean stiffness of the samples, without "
+    "disorder. Those of the disordered arrays are sample_dos and spectrum, of a sweep sweep_dos and sweep_spectra: "
+    "observe [dos, spectrum]"
+)
+#: in a result: places of the loads that were not reached, why the path ended, and the place of the load at which it did
+_MARKS = _MISSED, _WHY, _AT = "path.missed", "path.why", "path.at"
+#: attribute of a data set that says why it lacks loads
+INCOMPLETE = "incomplete"
+
+
+def to_json(data: Any) -> str:
+    """Return plain data as a JSON text; equal data give the same text."""
+    return json.dumps(data, default=plain, sort_keys=True)
+
+
+# -- of a case ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class CaseTasks:
+    """The tasks of a case, and the result of the case that is made of theirs."""
+
+    case: Case
+
+    @cached_property
+    def media(self) -> list[MediumTask]:
+        """A task for each medium that serves loads; an error names the case, and the load if it is known."""
+        case = self.case
+        try:
+            serving_media = [one for serving in case.serving_media for one in serving.by_geometry(case.asked.finite_overlap)]
+        except InputError as error:
+            at = error.load_index
+            periods = case.packing.structure.periods
+            located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
+            raise located from error
+        # lattices have no waves of their own here, and their exponents cost nothing
+        ideal = replace(case.asked, waves=None, exponents=True)
+        return [
+            MediumTask(
+                f"{case.label}: {serving.medium.label}" if serving.chosen_automatically else case.label,
+                serving,
+                case.asked if serving.arrays else ideal,
+            )
+            for serving in serving_media
+        ]
+
+    @cached_property
+    def tasks(self) -> list[MediumTask]:
+        """The tasks that can run side by side: of a simulation one for each sample."""
+        return [task for one in self.media for task in one.tasks]
+
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+        """Put the results of the :attr:`tasks` together; variables that only some of several media have are left out."""
+        left, found = iter(parts), list[TaskResult]()
+        for one in self.media:
+            found.append(one.join(list(islice(left, len(one.tasks)))))
+        if len(found) == 1:
+            return found[0]
+        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
+        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
+        out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
+        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
+        for name, value in named.items():
+            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
+            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
+                rows = [
+                    part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
+                    for part, one in zip(found, self.media, strict=True)
+                ]
+                out[name] = np.concatenate(rows)[order]
+        return out | marks
+
+    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
+        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
+        (task,) = self.media
+        out = task.observe(analysis)
+        return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
+
+    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
+        """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
+        (serving,) = self.case.serving_media
+        (medium,) = serving.arrays
+        samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
+        state = SimulatedState.of(medium, samples, serving.load.applied[0])
+        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
+
+    def choices(self) -> TaskResult:
+        """Return the medium that serves each load, and its expected error, +inf where that is not known."""
+        load = self.case.load
+        choice, error = np.empty(load.size, object), np.empty(load.size)
+        for serving in self.case.serving_media:
+            choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
+        return {"choice": choice.astype(str), "expected_error": error}
+
+
+# -- of a medium ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class MediumTask:
+    """One medium on one packing at all loads that it serves; ``where`` names the task in messages."""
+
+    where: str
+    serving: ServingMedium
+    asked: Asked
 
     @property
+    def load(self) -> Load:
+        """The loads of the task."""
+        return self.serving.load
+
+    @property
+    def simulation(self) -> DirectSimulation:
+        """The simulation of the packing, if it is one."""
+        (found,) = self.serving.arrays
+        return found
+
+    @cached_property
     def name(self) -> str:
-        """Name under which the result is kept: one line, not empty; no task with another result has it."""
-
-    @property
-    def where(self) -> str:
-        """Name of the task in messages."""
+        """Name of the result: the medium, and a digest of everything that determines the numbers."""
+        serving = self.serving
+        data = {
+            "packing": serving.packing, "medium": serving.medium, "load": serving.load, "asked": vars(self.asked),
+            "chosen": serving.chosen_automatically, "schema": SWEEP_SCHEMA, "versions": packages(),
+        }  # fmt: skip
+        return f"{serving.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
     def kind(self) -> str:
-        """Tasks of one kind take similar times."""
+        """Medium, size of an array and number of loads, on which the time depends most."""
+        serving = self.serving
+        return f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
 
     @property
     def memory(self) -> float:
-        """Memory that a process needs for the task, about, bytes; 0 if it is little."""
+        """Estimated memory of the process that solves it, bytes; 0 of a medium without an array."""
+        return estimate(self.simulation, self.load, exponents=self.asked.exponents).memory if self.serving.arrays else 0.0
+
+    @property
+    def tasks(self) -> list[MediumTask]:
+        """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
+        samples = self.serving.samples
+        ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
+        asked = replace(self.asked, qpoints=None, direction=None)  # neither is asked for of a sample
+        return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
+
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+        """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of them have reached."""
+        if not self.serving.arrays:
+            return parts[0]
+        size, places, own = self.load.size, _find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
+        load = self.load if len(places) == size else self.load[places]
+        records = [SampleRecord.from_part(part, index) for index in places for part in own]
+        out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
+        if self.asked.waves is not None:
+            out = _add_waves(out, self, load, records)
+        return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
 
     @property
     def steps(self) -> int:
-        """Number of steps that the task takes."""
+        """Number of steps: one, as all loads are solved together."""
+        return 1
 
     def done(self, part: TaskResult) -> int:
-        """Return the number of steps that ``part`` contains."""
+        """Return the number of steps that a result contains."""
+        return 1
+
+    def state(self, load: Load) -> ContactState:
+        """Return the state under ``load``, all or some of the loads of the task."""
+        return self.serving.at(load, finite_overlap=self.asked.finite_overlap or None)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Do the next step after ``begun``, or the first, and return both together; after the last step, the result."""
+        """Find every variable at every load, and the "warnings" that :func:`tell_warnings` reads.
 
-
-class Result(NamedTuple):
-    """What a worker has found of a task: the entry of its steps so far, their number, and the time of the last one, s."""
-
-    entry: bytes
-    steps: int
-    seconds: float
-
-
-def advance(orders: Sequence[tuple[Task, bytes | None]], wanted: Mapping[str, str]) -> list[Result]:
-    """Do, in a worker, the next step of each task after those in its entry, and return the results of the first tasks.
-
-    Packages must have the versions that are ``wanted``. After ``CALL_SECONDS`` nothing more is begun. An error of the first
-    task is raised; that of a later one ends the call before it, and it will come again as the first.
-    """
-    require_packages(f"the worker on {platform.node()}", packages(), wanted)
-    results, begun = list[Result](), time.perf_counter()
-    for task, entry in orders:
-        before = time.perf_counter()
-        if results and before - begun > CALL_SECONDS:
-            break
-        try:
-            part = task.solve(None if entry is None else decode(entry))
-            results.append(Result(encode(task.name, part), task.done(part), time.perf_counter() - before))
-        except Exception:
-            if not results:
-                raise
-            break
-    return results
-
-
-def solve_all(
-    label: str,
-    tasks: Sequence[Task],
-    executor: Executor | None = None,
-    progress: Progress = silent,
-    store: Store | None = None,
-) -> list[TaskResult]:
-    """Do ``tasks`` and return their results in the order of the tasks, whichever is finished first.
-
-    Parameters
-    ----------
-    label : name of the work for ``progress``, which is told of each step once its result has been kept.
-    tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it holds.
-    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a dask client among them;
-        None does one task after the other. It is not shut down.
-    store : where each result is kept as soon as it is found.
-
-    An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
-    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within
-    half a second are kept, and calls that have not begun by then are cancelled.
-    """
-    known = store or Store()
-    with progress.step(label, sum(task.steps for task in tasks)) as step:
-        _Work(tasks, known, step).run(InProcess() if executor is None else executor)
-    return [_read(task, known) for task in tasks]
-
-
-def _read(task: Task, store: Store) -> TaskResult:
-    """Return the result of a finished task; if it has been damaged meanwhile, it is found again."""
-    part = store.read(task.name)
-    while part is None or task.done(part) < task.steps:
-        part = task.solve(part)
-    return part
-
-
-class _Work:
-    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent."""
-
-    def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
-        self.tasks, self.store, self.step, self.left = tasks, store, step, deque[int]()
-        #: tasks of each call under way; entries of tasks that have begun; how often a worker was lost with each
-        self.running, self.begun, self.losses = dict[Future[list[Result]], list[int]](), dict[int, bytes](), Counter[int]()
-        #: time of a step of each kind of task, s
-        self.seconds: dict[str, float] = {}
-        found = 0
-        for index, task in enumerate(tasks):
-            part = store.read(task.name) if task.name in store else None
-            steps = 0 if part is None else task.done(part)
-            found += steps
-            if part is None or steps < task.steps:
-                self.left.append(index)
-                self.begun |= {} if part is None else {index: encode(task.name, part)}
-        step.advance(found)  # also if nothing was: the clock of the progress begins here
-
-    def run(self, executor: Executor) -> None:
-        """Have the tasks done, by calls of which a few are under way for each worker."""
-        ready, options, looked = SimpleQueue[Future[list[Result]]](), dict[str, bool](), -math.inf
-        if self.left and (client := client_of(executor)) is not None:
-            largest = max((self.tasks[index] for index in self.left), key=lambda task: task.memory)
-            check_workers(client, largest.memory, largest.where)
-            options = {"pure": False}  # otherwise dask looks into the tasks for what it knows already
-        try:
-            while self.left or self.running:
-                if (now := time.monotonic()) - looked > _LOOK_SECONDS:
-                    most, looked = count_calls(executor), now
-                while self.left and ready.empty() and len(self.running) < (1 if self._is_suspect() else most or 1):
-                    indices = self._take(most)
-                    orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
-                    future = executor.submit(advance, orders, packages(), **options)
-                    self.running[future] = indices
-                    future.add_done_callback(ready.put)
-                try:
-                    future = ready.get(timeout=_LOOK_SECONDS)
-                except Empty:  # look at the workers again
-                    continue
-                self._receive(future, self.running[future])
-                del self.running[future]
-        finally:
-            wait(self.running, _PATIENCE)
-            for future, indices in self.running.items():
-                if not future.cancel() and future.done() and not future.cancelled() and future.exception() is None:
-                    with suppress(OutputError):  # this may be the very error that is being raised
-                        self._keep(indices, future.result())
-
-    def _is_suspect(self) -> bool:
-        """Return whether the next task or one under way may be why workers were lost, and is to be alone."""
-        suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
-        return not suspects.isdisjoint(chain([self.left[0]], *self.running.values()))
-
-    def _take(self, calls: int) -> list[int]:
-        """Take the tasks of the next of so many calls: one if it is not known to be short, or if a worker was lost with it.
-
-        Towards the end calls become shorter, so that all workers end at about the same time.
+        An error names its task and, if it is known, its load.
         """
-        most = max(1, len(self.left) // (2 * calls)) if calls else 1
-        indices, seconds = list[int](), 0.0
-        while self.left and len(indices) < most:
-            index = self.left[0]
-            seconds += math.inf if self.losses[index] else self.seconds.get(self.tasks[index].kind, math.inf)
-            if indices and seconds > CALL_SECONDS:
-                break
-            indices.append(self.left.popleft())
-        return indices
-
-    def _keep(self, indices: Sequence[int], results: Sequence[Result]) -> None:
-        for index, result in zip(indices, results, strict=False):
-            self.store.append(self.tasks[index].name, result.entry)
-
-    def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
-        """Keep what a call has brought, and put back what is left of it; if its worker was lost, all of it."""
-        results: list[Result] = []
         try:
-            results = future.result()
-        except CancelledError:
-            what, why = "the scheduler does not answer any more", "It has ended, or the network has failed"
-            mend = "What is finished is kept: run the same command again to continue"
-            raise GranphonError(message(what, why, mend)) from None
-        except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
-            if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
+            return self.observe(Analysis(self.state(self.load), self.asked.direction))
+        except GranphonError as error:
+            raise self._locate(error) from error
+
+    def observe(self, analysis: Analysis) -> TaskResult:
+        """Return the variables of a state, with an axis of loads, and its "warnings"."""
+        state, asked = analysis.state, self.asked
+        # conditions that hold are kept only where another medium, at other loads, may not meet them
+        notes: list[Tally | str] = [
+            one for one in analysis.validity.tallies if one.failing or self.serving.chosen_automatically
+        ]
+        out = find_all(analysis, ("state",), swept=True)
+        try:
+            out |= find_all(analysis, ("velocities",), swept=True)
+            notes += warn_of_free_branches(state, analysis.velocities.velocities)
+        except MechanismError as error:
+            if asked.sound:
                 raise
-            self.losses.update(dict.fromkeys(indices, getattr(error, "allowed_failures", 0) + 1))
-            times, where = self.losses[indices[0]], self.tasks[indices[0]].where
-            if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
-                what = f"{where}: the worker process that did it has ended, {times} times"
-                mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
-                raise GranphonError(message(what, "It was killed, or ran out of memory", mend)) from None
-        self._keep(indices, results)
-        self.left.extendleft(reversed(indices[len(results) :]))
-        for index, result in zip(indices, results, strict=False):
-            task = self.tasks[index]
-            self.seconds[task.kind] = 0.5 * (self.seconds.get(task.kind, result.seconds) + result.seconds)
-            self.begun.pop(index, None)
-            if result.steps < task.steps:
-                self.begun[index] = result.entry
-                self.left.appendleft(index)
-            self.step.advance()
+            notes.append(f"velocities and moduli are left out: {error}")
+        out |= find_all(analysis, ("exponent",), swept=True) if asked.exponents else {}
+        notes += warn_of_missing_error(out)
+        found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
+        if asked.qpoints is not None:
+            found["frequencies"], free = _compute_frequencies(state, asked.qpoints)
+            notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
+        return found | {"warnings": _write_notes(dict.fromkeys(notes))}
+
+    def _locate(self, error: GranphonError) -> GranphonError:
+        """Return an error whose message begins with the task and the load.
+
+        It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
+        index of that load in the sweep. If no load fails alone, ``error`` is returned with the task only.
+        """
+        if self.asked.alone:
+            error.load_index = 0 if error.option is None else None
+            return error
+        if error.option is not None:  # it is not about a load
+            return _name_task(self.where, error)
+        at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
+        for index in range(self.load.size) if at is None else ():
+            try:
+                self.observe(Analysis(self.state(self.load[[index]]), self.asked.direction))
+            except GranphonError as alone:
+                at, first = index, alone
+                break
+        if at is None:
+            return _name_task(self.where, error)
+        located = _name_load(self.where, self.load, at, first, self.serving.packing.structure.periods)
+        located.load_index = int(self.serving.loads[at])
+        return located
+
+
+def _name_load(where: str, load: Load, index: int, error: GranphonError, periods: int) -> GranphonError:
+    """Return ``error`` with the task and the load number ``index`` before its message; its ``load_index`` is that number."""
+    located = error.restate(f"{where}, {load[index].describe(periods)}: {error}")
+    located.load_index = index
+    return located
+
+
+def _name_task(where: str, error: GranphonError) -> GranphonError:
+    """Return ``error`` with the task before its message."""
+    return error.restate(f"{where}: {error}")
+
+
+def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
+    """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on what is not known.
+
+    An observable that is not known at some of the loads is nan there; one that is known at none is left out.
+    """
+    from granphon.sweeps.wave_records import average_waves  # imported here: a sweep without waves does not need it
+
+    assert task.asked.waves is not None
+    count = len(records) // load.size
+    rows, said = list[dict[str, Array]](), dict[str, list[int]]()
+    for index in range(load.size):
+        row, texts = average_waves([one.of_waves for one in records[index * count : (index + 1) * count]], task.asked.waves)
+        rows.append(row)
+        for text in texts:
+            said.setdefault(text, []).append(index)
+    known = {name: value for row in rows for name, value in row.items()}
+    found = {name: np.array([row.get(name, np.full_like(one, np.nan)) for row in rows]) for name, one in known.items()}
+    notes = []
+    for text, indices in said.items():
+        more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
+        where = f"at {load[indices[0]].describe(task.serving.packing.structure.periods)}{more}, "
+        # a note need not name the loads if they are all those of the medium
+        notes.append(text if len(indices) == load.size and not task.serving.is_part else where + text)
+    return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
+
+
+def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tuple[str, ...]]:
+    """Compute the frequencies along the path, (n_loads, s, p, n_branches), Hz, and the warnings on those that cost nothing.
+
+    They are those that phonopy gives, but computed from C(q), which needs no force constants. In the paper's limit one
+    dispersion relation serves all loads, unless the torsion is that of a Hertz contact.
+    """
+    loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
+    lattices = [one.contact_lattice() for one in (loads[:1] if state.loaded_lattice.is_one else loads)]
+    paths = [one.wavevectors(qpoints.reshape(-1, 3)) for one in lattices]
+    rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
+    hertz = np.array([one.scales.frequency for one in loads])
+    out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
+    return out, (*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0]))
+
+
+# -- of a sample ----------------------------------------------------------------------------------------------------
+
+
+class SampleTask(MediumTask):
+    """One sample of a simulation at all loads, one load in each step.
+
+    The highest load comes first, and the search for each equilibrium starts from the one before, as in a simulation that is
+    not cut into tasks. An unfinished result has its loads in this order, and the balls at rest under the last of them.
+    With a history of friction all loads are one step.
+    """
+
+    @property
+    def steps(self) -> int:
+        """Number of steps: one for each load, or one for a whole path."""
+        return 1 if self.simulation.friction_history else self.load.size
+
+    def done(self, part: TaskResult) -> int:
+        """Return the number of steps that a result contains."""
+        return 1 if self.simulation.friction_history else len(part["force"])
+
+    def solve(self, begun: TaskResult | None = None) -> TaskResult:
+        """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
+        if self.simulation.friction_history:
+            return self._follow_path()
+        index: int | None = None
+        try:
+            simulation = self.simulation
+            loads = simulation.prescribed(self.load)
+            order = sort_by_load(loads)
+            so_far = dict(begun or {})
+            before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
+            index = order[self.done(so_far) if so_far else 0]
+            sample = simulation.sample(loads[index], before)
+            found = self._record([sample])
+        except GranphonError as error:
+            if index is not None:
+                error.load_index = index
+            raise self._locate(error) from error
+        found = {name: np.concatenate([so_far[name], value]) if so_far else value for name, value in found.items()}
+        if self.done(found) < len(order):
+            rest = sample.equilibrium
+            return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
+        return {name: value[np.argsort(order)] for name, value in found.items()}
+
+    def _follow_path(self) -> TaskResult:
+        """Return what is averaged at all loads of a path; or at those before the path ends, if it ends early."""
+        simulation: Any = self.simulation
+        try:
+            return super().solve()
+        except GranphonError as error:
+            if error.reached is None:
+                raise
+            order, count = simulation.history.sort(simulation.prescribed(self.load)), len(error.reached.force)
+            return _end_early(self._record(error.reached.samples), sorted(order[:count]), self.load.size, error)
+
+    def observe(self, analysis: Analysis) -> TaskResult:
+        """Return every number of the samples that is averaged, (n_loads, ...), and the balls if they are kept."""
+        return self._record(analysis.state.samples)
+
+    def _record(self, samples: Sequence[Any]) -> TaskResult:
+        asked = self.asked
+        found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
+        return found | keep_balls(samples[0]) if asked.alone else found
+
+
+# -- paths of loads that end early -----------------------------------------------------------------------------------
+
+
+def _end_early(part: TaskResult, places: Sequence[int], size: int, error: GranphonError) -> TaskResult:
+    """Return a result at the loads in ``places``, of ``size``, marked with the error that ended the path."""
+    at = -1 if error.load_index is None else error.load_index
+    missed = np.setdiff1d(np.arange(size), places)
+    return _expand_loads(part, places, size) | {_MISSED: missed, _WHY: np.array([str(error)]), _AT: np.array([at])}
+
+
+def _expand_loads(part: TaskResult, places: Sequence[int], size: int) -> TaskResult:
+    """Return a result at the loads in ``places`` with a row for each of all loads; the other rows mean nothing."""
+    rows = np.zeros(size, int)
+    rows[list(places)] = range(len(places))
+    return {name: value if name == "warnings" else value[rows] for name, value in part.items()}
+
+
+def drop_marks(part: TaskResult) -> TaskResult:
+    """Return a result without its marks."""
+    return {name: value for name, value in part.items() if name not in _MARKS}
+
+
+def _find_reached(parts: Sequence[TaskResult], size: int) -> list[int]:
+    """Return the places of the loads, of ``size``, that all results have; raise the error of a path if there is none."""
+    missed = {place for part in parts if _MISSED in part for place in part[_MISSED].tolist()}
+    if len(missed) == size:
+        raise _explain(parts)
+    return [place for place in range(size) if place not in missed]
+
+
+def _join_marks(parts: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> TaskResult:
+    """Return the marks of what is made of several results, each at some of the ``loads``; nothing if no path ended early."""
+    ended = [(part, own) for part, own in zip(parts, loads, strict=True) if _MISSED in part]
+    if not ended:
+        return {}
+    missed = np.unique(np.concatenate([own[part[_MISSED]] for part, own in ended]))
+    return {_MISSED: missed} | {name: np.concatenate([part[name] for part, _ in ended]) for name in (_WHY, _AT)}
+
+
+def require_complete(parts: Sequence[TaskResult], dataset: Dataset) -> None:
+    """Raise the error of a path that ended early, if one did; its ``reached`` is the data set without the missing loads."""
+    places = _find_reached(parts, dataset.sizes["load"])
+    if len(places) < dataset.sizes["load"]:
+        error = _explain(parts)
+        error.reached = dataset.isel(load=places).assign_attrs({INCOMPLETE: str(error)})
+        raise error
+
+
+def _explain(parts: Sequence[TaskResult]) -> ConvergenceError:
+    """Return the error of the first path that ended early."""
+    whys, places = ([one for part in parts if name in part for one in part[name].tolist()] for name in (_WHY, _AT))
+    more = "" if len(whys) == 1 else f" {counted(len(whys) - 1, 'more path')} of the sweep ended early."
+    error = ConvergenceError(whys[0] + more)
+    error.load_index = places[0] if places[0] >= 0 else None
+    return error
+
+
+# -- notes -----------------------------------------------------------------------------------------------------------
+
+
+def _write_notes(notes: Iterable[Tally | str]) -> NDArray[Any]:
+    """Encode notes on a result, which are conditions over loads or sentences, as an array of JSON texts."""
+    return np.array([json.dumps(note) for note in notes], "S")  # ASCII: one byte for each letter
+
+
+def _read_note(text: bytes) -> Tally | str:
+    note = json.loads(text)
+    return note if isinstance(note, str) else Tally(*note)
+
+
+def _merge_notes(texts: Sequence[bytes]) -> NDArray[Any]:
+    """Merge notes on parts of the loads into notes on all of them: each condition and each sentence appears once."""
+    found: dict[Any, Tally | str] = {}
+    for note in map(_read_note, texts):
+        key = note if isinstance(note, str) else note[:4]
+        before = found.get(key)
+        found[key] = before.join(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
+    return _write_notes(found.values())
+
+
+def tell_warnings(part: TaskResult) -> list[str]:
+    """Return the warnings of a result: a sentence for each condition that fails."""
+    sentences = (note if isinstance(note, str) else note.warning for note in map(_read_note, part["warnings"].tolist()))
+    return [sentence for sentence in sentences if sentence is not None]

@@ -20,8 +20,8 @@ from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import fit_width
 from granphon.fits.measurements import Measurements
 from granphon.media.choice import MediumChoice
+from granphon.scene.redraw import draw_together, read_run
 from granphon.scene.scene import Scene
-from granphon.scene.several import draw_together, read_run
 from tests.figures.conftest import drawn
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)

@@ -356,7 +356,7 @@ def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
 
 
 def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_path, monkeypatch):
-    from granphon.sweeps import jobs
+    from granphon.sweeps import tasks
 
     forces = (np.array([4.0, 0.3, 1.0, 0.31]) * unit).tolist()
     options = {"force": forces, "media": [{"auto": {"tolerance": 5e-3}}, "ala"]}
@@ -364,7 +364,7 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
     with ThreadPoolExecutor(2) as executor:
         assert sweep(rough, executor=executor, **options).equals(whole)
     path = tmp_path / "sweep.nc"
-    solve, done = jobs.Job.solve, []
+    solve, done = tasks.MediumTask.solve, []
 
     def interrupted(self, begun=None):
         if len(done) == 2:
@@ -373,12 +373,14 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
         return solve(self, begun)
 
     with monkeypatch.context() as patch:
-        patch.setattr(jobs.Job, "solve", interrupted)
+        patch.setattr(tasks.MediumTask, "solve", interrupted)
         with pytest.raises(KeyboardInterrupt):
             sweep(rough, path=path, **options)
     assert not path.exists()
     calls = []
-    monkeypatch.setattr(jobs.Job, "solve", lambda self, begun=None: (calls.append(self.where), solve(self, begun))[1])
+    monkeypatch.setattr(
+        tasks.MediumTask, "solve", lambda self, begun=None: (calls.append(self.where), solve(self, begun))[1]
+    )
     assert sweep(rough, path=path, resume=True, **options).equals(whole)
     assert not set(done) & set(calls)
     assert calls
@@ -386,12 +388,12 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
 
 def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
     """So that a sweep that is resumed finds it under the same name."""
-    from granphon.media.cases import Case
-    from granphon.sweeps.jobs import Work
+    from granphon.sweeps.cases import Case
+    from granphon.sweeps.tasks import CaseTasks
 
     def names(forces):
-        work = Work(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)))
-        return {piece.name for piece in work.pieces}
+        work = CaseTasks(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)))
+        return {piece.name for piece in work.tasks}
 
     assert names([0.3 * unit, 30.0 * unit]) == names([30.0 * unit, 0.3 * unit])
 

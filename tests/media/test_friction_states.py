@@ -27,9 +27,8 @@ from granphon.figures.sweep_lines import describe_lines
 from granphon.figures.sweeps import sweep_figure
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
-from granphon.scene.redraw import redraw
-from granphon.scene.several import read_run
-from granphon.sweeps.records import RecordedState, SampleRecord
+from granphon.scene.redraw import read_run, redraw
+from granphon.sweeps.samples import RecordedState, SampleRecord
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6))
@@ -630,7 +629,9 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkey
             scene(load=f"{{{load}}}", medium=options(*HISTORY, *[start] * bool(start)))
     with pytest.raises(SceneError, match=r":5: load.force.1: found '1 N'; .* below the start of the loading"):
         scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "start: {force: 1.5 N}"))
-    assert scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")).is_sweep
+    assert not scene(
+        load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")
+    ).is_single
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_defaults():
     assert scene.packing == gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
     assert scene.load == Load("force", 18.446) == Load("force", (18.446,))
     assert (scene.media, scene.finite_overlap, scene.observe) == ((MediumChoice("ala"),), False, ("velocities",))
-    assert (scene.parameters, scene.is_sweep, scene.diameters) == ((), False, None)
+    assert (scene.parameters, scene.is_single, scene.diameters) == ((), True, None)
     assert (scene.band_points, scene.mesh, scene.dim, scene.source) == (101, (64, 64), None, None)
     assert scene.path == BandPath.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
 
@@ -75,7 +75,7 @@ def test_the_preset_of_a_sweep_and_what_is_commented_out_in_it():
     text = (PRESETS / "steel_spread.yaml").read_text()
     assert (EXAMPLES / "steel_spread.yaml").read_text() == text
     scene = Scene.from_text(text)
-    assert scene.is_sweep
+    assert not scene.is_single
     assert [len(state.force) for _, state in scene.states()] == [60, 60, 60]
     assert all(gp.validity(state)["contact_radius"].ok.all() for _, state in scene.states())
     normal = Scene.from_text(text.replace("  spread: {uniform", "  # ").replace("# spread: {normal", "spread: {normal"))
@@ -162,7 +162,7 @@ SIMULATION = MINIMAL.replace("8 mm", "8 mm, spread: {uniform: 2 um}").replace("1
 def test_a_simulation_in_a_scene(shape):
     scene = Scene.from_text(SIMULATION + f"medium: {{simulation: {{shape: {shape}, seed: 3, samples: 2}}}}\n")
     assert scene.media == (MediumChoice("simulation", (("shape", (16, 12)), ("seed", 3), ("samples", 2))),)
-    assert not scene.is_sweep
+    assert scene.is_single
     state = scene.state()
     assert state == gp.DirectSimulation(scene.packing, (16, 12), seed=3, samples=2).at_force(5.0)
     # what is written names every option, and is the same scene
@@ -258,7 +258,7 @@ def test_a_scene_of_balls_that_differ():
     assert scene.packing.spread == gp.Uniform(2.04e-6)
     assert scene.media == (MediumChoice("ema"),)
     assert scene.state() == gp.EffectiveMedium(scene.packing).at_force(18.446)
-    assert not scene.is_sweep
+    assert scene.is_single
 
 
 @pytest.mark.parametrize(
@@ -321,7 +321,7 @@ def test_many_measured_diameters_go_into_a_table(tmp_path, steel):
 
 def test_lists_and_ranges_of_loads():
     assert with_load("force: [3 N, 1 N, 3 N]").load == Load("force", (3.0, 1.0, 3.0))
-    assert not with_load("force: [3 N]").is_sweep
+    assert with_load("force: [3 N]").is_single
     assert with_load("force: [3 N]") == with_load("force: 3 N") == with_load("force: {from: 3 N, to: 3 N, points: 1}")
     log, linear, down = (
         with_load(f"pressure: {{{ends}, points: 5}}").load.values
@@ -376,7 +376,7 @@ def test_what_is_swept_decides_what_a_medium_must_average(packing):
     assert Scene(replace(packing, spread=gp.Uniform(1e-6)), Load("force", 1.0), media="ala").balls_differ
     # the load is carried by the packings of the sweep, not by equal balls
     text = MINIMAL.replace("force: 18.446 N", "overlap: -0.1 um")
-    assert Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").is_sweep
+    assert not Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").is_single
 
 
 LISTED = """\

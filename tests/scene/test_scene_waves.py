@@ -40,7 +40,7 @@ def test_files_hold_what_the_library_finds(done):
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
         assert f"{stem}.png" in expected_files(scene.plan)
-        assert read_waves(folder / f"{stem}.json") == result.waves._results[stem]
+        assert read_waves(folder / f"{stem}.json") == result.waves.results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos
     assert waves.transmit(9000.0, (0, 1), 0.08, 2.0, ends="free") == result.waves.pulse
@@ -84,7 +84,7 @@ def test_figures_are_drawn_again(done, tmp_path, stem):
 
 
 def test_both_axes_of_a_pulse_have_numbers_and_labels(done):
-    figure = done[1].waves.figure("pulse.png")
+    figure = done[1].figure("pulse.png")
     figure.draw_without_rendering()
     for axes in figure.axes:
         assert axes.get_xlabel() == "Time (ms)"

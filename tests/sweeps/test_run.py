@@ -88,7 +88,7 @@ def count_parts(folder: Path) -> int:
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
     """Let the step after ``count`` others fail; the names of the tasks of those that were begun."""
-    from granphon.sweeps.jobs import Job, _SampleJob
+    from granphon.sweeps.tasks import MediumTask, SampleTask
 
     begun: list[str] = []
 
@@ -101,7 +101,7 @@ def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseEx
 
         return solved
 
-    for kind in (Job, _SampleJob):
+    for kind in (MediumTask, SampleTask):
         monkeypatch.setattr(kind, "solve", counted(kind.solve))
     return begun
 
@@ -644,8 +644,8 @@ def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
     monkeypatch.syspath_prepend(work)
     import deadly  # by name, so that the worker finds it
 
-    monkeypatch.setattr("granphon.sweeps.tasks.advance", deadly.advance)
-    monkeypatch.setattr("granphon.sweeps.tasks.MOST_LOSSES", 2)
+    monkeypatch.setattr("granphon.sweeps.execution.advance", deadly.advance)
+    monkeypatch.setattr("granphon.sweeps.execution.MOST_LOSSES", 2)
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -866,9 +866,9 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monke
 #: the command, whose workers never come to an end with the averaged force
 HELD = """
 import os, sys, time
-from granphon.sweeps import jobs
+from granphon.sweeps import tasks
 
-solved = jobs.Job.solve
+solved = tasks.MediumTask.solve
 
 def solve(self, begun=None):
     if "afa" in self.where:
@@ -876,7 +876,7 @@ def solve(self, begun=None):
         time.sleep(3600)
     return solved(self, begun)
 
-jobs.Job.solve = solve
+tasks.MediumTask.solve = solve
 if __name__ == "__main__":
     from granphon.cli.commands import main
     sys.exit(main(sys.argv[1:]))
@@ -1014,11 +1014,11 @@ SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples:
 @pytest.mark.parametrize("more", ["", ", friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"])
 def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
     """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
-    from granphon.sweeps.jobs import _SampleJob
+    from granphon.sweeps.tasks import SampleTask
 
     (work / "scene.yaml").write_text(SAMPLES.replace("samples: 4", "samples: 4" + more))
     assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
-    begun, solve = [], _SampleJob.solve
+    begun, solve = [], SampleTask.solve
 
     def solved(task, part=None):
         begun.append(task.where)
@@ -1027,7 +1027,7 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
         return solve(task, part)
 
     with monkeypatch.context() as patch:
-        patch.setattr(_SampleJob, "solve", solved)
+        patch.setattr(SampleTask, "solve", solved)
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 130
     kept = "The finished parts are kept: run the same command again to continue."
     assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
@@ -1037,7 +1037,7 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
     assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
     begun[:] = [""] * 3
     with monkeypatch.context() as patch:
-        patch.setattr(_SampleJob, "solve", solved)
+        patch.setattr(SampleTask, "solve", solved)
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     assert [where.rpartition(", ")[2] for where in begun[3:]] == ["seed 2", "seed 3"]
     assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
@@ -1092,9 +1092,9 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
         text.replace(", spread: {uniform: 2.04 um}", "") if packing == "equal" else text.replace("{diam", f"{{{packing}diam")
     )
     scene = Scene.from_text(text)
-    assert scene.has_tasks
+    assert scene.plan.has_tasks
     run = SweepRun.of(scene.plan.grid)
-    state, expected = run.works[0].restore(run.do()), scene.state()
+    state, expected = run.cases[0].restore(run.do()), scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
@@ -1139,9 +1139,9 @@ def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
 
 
 def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch, capsys):
-    from granphon.sweeps.jobs import Job
+    from granphon.sweeps.tasks import MediumTask
 
-    solve, again = Job.solve, []
+    solve, again = MediumTask.solve, []
 
     def solved(*arguments):
         if not again:
@@ -1149,16 +1149,16 @@ def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch,
             again.append(None)
         return solve(*arguments)
 
-    monkeypatch.setattr(Job, "solve", solved)
+    monkeypatch.setattr(MediumTask, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "out/.granphon-sweep, or its folder, has been removed or replaced" in capsys.readouterr().err
     assert listed(work) == {"scene.yaml"}
 
 
 def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, capsys):
-    from granphon.sweeps.jobs import Job
+    from granphon.sweeps.tasks import MediumTask
 
-    solve = Job.solve
+    solve = MediumTask.solve
 
     def solved(*arguments):
         if not Path("moved").exists():
@@ -1167,7 +1167,7 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
             Path("out", "mine").touch()
         return solve(*arguments)
 
-    monkeypatch.setattr(Job, "solve", solved)
+    monkeypatch.setattr(MediumTask, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "out/.granphon-sweep, or its folder, has been removed or replaced" in capsys.readouterr().err
     assert listed(work / "out") == {"mine"}

@@ -24,11 +24,11 @@ import pytest
 import granphon as gp
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MissingFileError, OutputError, SceneError
 from granphon.cli.commands import main
-from granphon.sweeps import schedulers, tasks
+from granphon.sweeps import execution, schedulers
+from granphon.sweeps.execution import solve_all
 from granphon.sweeps.schedulers import open_executor, require_workers
 from granphon.sweeps.store import Store, read_entries
 from granphon.sweeps.sweep import sweep
-from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.workers import Workers, packages, require_packages
 
 distributed = pytest.importorskip("distributed")
@@ -122,9 +122,9 @@ def test_calls_are_bounded_in_time_and_number():
     assert max(sizes) > 100
     assert len(sizes) < 200
     # what takes longer than was thought ends its call
-    slow = [Nap(0), Nap(1, 2.0 * tasks.CALL_SECONDS), Nap(2), Nap(3), Nap(4)]
-    done = tasks.advance([(nap, None) for nap in slow], packages())
-    assert [tasks.decode(one.entry)["x"].item() for one in done] == [0, 1]
+    slow = [Nap(0), Nap(1, 2.0 * execution.CALL_SECONDS), Nap(2), Nap(3), Nap(4)]
+    done = execution.advance([(nap, None) for nap in slow], packages())
+    assert [execution.decode(one.entry)["x"].item() for one in done] == [0, 1]
 
 
 def interrupt_once(begun):
@@ -149,7 +149,7 @@ def test_an_interruption_loses_what_does_not_come_back_and_nothing_else(client, 
     lost = begun - dict(read_entries(tmp_path / "store")).keys()
     assert "nap-150" in lost
     # what came before it in its call, of a tenth of a second
-    assert len(lost) <= 1 + tasks.CALL_SECONDS / 0.002
+    assert len(lost) <= 1 + execution.CALL_SECONDS / 0.002
 
 
 class InTwo(Nap):
@@ -185,7 +185,7 @@ class Failing(Nap):
 
 
 def test_an_error_in_the_middle_of_a_call_keeps_what_is_before_it(client, tmp_path, monkeypatch):
-    monkeypatch.setattr(tasks, "_PATIENCE", 60.0)  # for calls beside it, however busy the machine is
+    monkeypatch.setattr(execution, "_PATIENCE", 60.0)  # for calls beside it, however busy the machine is
     store = Store(tmp_path / "store")
     naps = [*(Nap(n, 0.001) for n in range(40)), Failing(40), *(Nap(n, 0.001) for n in range(41, 60))]
     with pytest.raises(InputError, match="40 fails"):
@@ -238,7 +238,7 @@ def test_workers_of_another_version_are_refused_by_name(packing, client, tmp_pat
 
 def test_a_worker_that_has_another_version_when_work_comes_does_none(tmp_path):
     with pytest.raises(GranphonError, match=r"^the worker on .* has granphon .*, and this process has granphon 9\.9"):
-        tasks.advance([(Nap(0, folder=tmp_path), None)], packages() | {"granphon": "9.9"})
+        execution.advance([(Nap(0, folder=tmp_path), None)], packages() | {"granphon": "9.9"})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -502,7 +502,7 @@ def test_a_scheduler_that_dies_costs_what_was_under_way(tmp_path, remote):
     found = len(dict(read_entries(tmp_path / "store")))
     begun = len(list(tmp_path.glob("nap-*")))
     assert 3 <= found < 100
-    assert begun - found <= 2 * tasks.CALL_SECONDS / 0.05 + 2  # a call, and what had begun of the next
+    assert begun - found <= 2 * execution.CALL_SECONDS / 0.05 + 2  # a call, and what had begun of the next
     # and it goes on, here
     for path in tmp_path.glob("nap-*"):
         path.unlink()

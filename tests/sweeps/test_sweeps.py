@@ -36,12 +36,12 @@ from granphon.base.errors import FileExistsInRunError, InputError, MechanismErro
 from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
+from granphon.sweeps import execution
 from granphon.sweeps import store as stores
-from granphon.sweeps import tasks
 from granphon.sweeps.archive import load_sweep
+from granphon.sweeps.execution import solve_all
 from granphon.sweeps.store import Store, decode, encode, read_entries
 from granphon.sweeps.sweep import sweep
-from granphon.sweeps.tasks import solve_all
 from granphon.sweeps.workers import packages
 from tests.conftest import only
 
@@ -739,7 +739,7 @@ class Held(Executor):
 
 
 def test_outstanding_tasks_are_cancelled_on_an_interruption(monkeypatch):
-    monkeypatch.setattr(tasks, "_PATIENCE", 0.01)
+    monkeypatch.setattr(execution, "_PATIENCE", 0.01)
     executor = Held()
     with pytest.raises(KeyboardInterrupt):
         solve_all("pieces", [Piece(n) for n in range(6)], executor, Meter(stop=1))
@@ -747,7 +747,7 @@ def test_outstanding_tasks_are_cancelled_on_an_interruption(monkeypatch):
 
 
 def test_outstanding_tasks_are_cancelled_if_the_executor_gives_up(monkeypatch):
-    monkeypatch.setattr(tasks, "_PATIENCE", 0.01)
+    monkeypatch.setattr(execution, "_PATIENCE", 0.01)
     executor = Held(fails_at=3)
     with pytest.raises(RuntimeError, match="no more workers"):
         solve_all("pieces", [Piece(n) for n in range(4)], executor)
@@ -996,7 +996,7 @@ def interrupted(stopped, tmp_path):
 @contextmanager
 def counting():
     """A list of the steps that are done in the block, by threads."""
-    new, work = [], tasks.advance
+    new, work = [], execution.advance
 
     def advance(orders, *more):
         done = work(orders, *more)
@@ -1004,7 +1004,7 @@ def counting():
         return done
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tasks, "advance", advance)
+        patch.setattr(execution, "advance", advance)
         yield new
 
 
@@ -1437,7 +1437,7 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
 def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough, serial, interrupted, monkeypatch):
     other, path = change_packing(rough, {"density": 7841.0}), interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
-        for module in ("jobs", "dataset"):
+        for module in ("tasks", "dataset"):
             patch.setattr(f"granphon.sweeps.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
         with pytest.raises(FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"):
             sweep(rough, path=path, **ARGUMENTS)

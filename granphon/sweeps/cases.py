@@ -7,26 +7,53 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from numpy.typing import NDArray
+
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import InputError, message
 from granphon.media.choice import MediumChoice, ServingMedium
+from granphon.waves.settings import WaveSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What is asked of each state.
+
+    Attributes
+    ----------
+    finite_overlap : whether terms of relative order delta/d are.
+    qpoints : (s, p, 3), the path of the bands; None without bands.
+    direction : that of sound, Cartesian, one or many; None for x.
+    waves : what is asked of the waves in each sample of a simulation; None for nothing.
+    exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
+    sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
+    alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
+        not say which state they are about.
+    """
+
+    finite_overlap: bool = False
+    qpoints: NDArray[Any] | None = None
+    direction: tuple[Any, ...] | None = None
+    waves: WaveSettings | None = None
+    exponents: bool = True
+    sound: bool = True
+    alone: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One medium on one packing, at all values of an applied load.
+    """One medium on one packing, at all values of an applied load, and what is asked of its states.
 
     ``where`` names the swept parameters of the packing with their values, in words; empty if none is swept.
-    ``finite_overlap`` says whether terms of relative order delta/d are asked for.
     """
 
     where: str
     packing: Packing
     medium: MediumChoice
     load: Load
-    finite_overlap: bool = False
+    asked: Asked = Asked()
 
     @property
     def label(self) -> str:
@@ -45,31 +72,19 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load.
-
-    ``direction`` is that of sound, as an observer asks for it: Cartesian, one or many; None if nothing is asked for.
-    ``waves`` says what is asked of the waves in each sample of a simulation; None for nothing. ``exponents`` says whether
-    those of the velocities are asked for, for which a simulation solves two more equilibria at each load, and ``sound``
-    whether a lattice that has no velocities, a mechanism, is an error. ``alone`` says that a single state is asked for, with
-    its samples: messages then need not say which state they are about.
-    """
+    """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load."""
 
     packing: Packing
     axes: Sequence[Axis]
     media: Sequence[MediumChoice]
     load: Load
-    finite_overlap: bool = False
-    direction: tuple[Any, ...] | None = None
-    waves: Any = None
-    exponents: bool = True
-    sound: bool = True
-    alone: bool = False
+    asked: Asked = Asked()
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
         """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an impossible packing."""
         return tuple(
-            Case(where, packing, medium, self.load, self.finite_overlap)
+            Case(where, packing, medium, self.load, self.asked)
             for where, packing in combine(self.packing, self.axes)
             for medium in self.media
         )

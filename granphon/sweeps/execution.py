@@ -1,0 +1,232 @@
+"""Work that can run side by side, on any executor, and that an interruption does not undo.
+
+A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
+run anywhere and in any order. A long one is done in steps: each is a call of its own, and its result is kept in the store as
+soon as it comes back. Short ones share calls of a tenth of a second.
+"""
+
+from __future__ import annotations
+
+import math
+import platform
+import time
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import suppress
+from itertools import chain
+from queue import Empty, SimpleQueue
+from typing import NamedTuple, Protocol
+
+from granphon.base.errors import GranphonError, OutputError, message
+from granphon.base.progress import Progress, Step, silent
+from granphon.sweeps.schedulers import check_workers, client_of, count_calls
+from granphon.sweeps.store import Store, TaskResult, decode, encode
+from granphon.sweeps.workers import InProcess, packages, require_packages
+
+#: time after which a worker begins nothing more of a call, s
+CALL_SECONDS = 0.1
+#: number of workers that are lost with a task before it counts as the reason; the last one has nothing else to do
+MOST_LOSSES = 3
+#: longest time for which a result is waited for before the executor is asked for its workers again, s
+_LOOK_SECONDS = 2.0
+#: longest time for which calls under way are waited for after an error or an interruption, s
+_PATIENCE = 0.5
+
+
+class Task(Protocol):
+    """A piece of work, in one step or more."""
+
+    @property
+    def name(self) -> str:
+        """Name under which the result is kept: one line, not empty; no task with another result has it."""
+
+    @property
+    def where(self) -> str:
+        """Name of the task in messages."""
+
+    @property
+    def kind(self) -> str:
+        """Tasks of one kind take similar times."""
+
+    @property
+    def memory(self) -> float:
+        """Memory that a process needs for the task, about, bytes; 0 if it is little."""
+
+    @property
+    def steps(self) -> int:
+        """Number of steps that the task takes."""
+
+    def done(self, part: TaskResult) -> int:
+        """Return the number of steps that ``part`` contains."""
+
+    def solve(self, begun: TaskResult | None = None) -> TaskResult:
+        """Do the next step after ``begun``, or the first, and return both together; after the last step, the result."""
+
+
+class Result(NamedTuple):
+    """What a worker has found of a task: the entry of its steps so far, their number, and the time of the last one, s."""
+
+    entry: bytes
+    steps: int
+    seconds: float
+
+
+def advance(orders: Sequence[tuple[Task, bytes | None]], wanted: Mapping[str, str]) -> list[Result]:
+    """Do, in a worker, the next step of each task after those in its entry, and return the results of the first tasks.
+
+    Packages must have the versions that are ``wanted``. After ``CALL_SECONDS`` nothing more is begun. An error of the first
+    task is raised; that of a later one ends the call before it, and it will come again as the first.
+    """
+    require_packages(f"the worker on {platform.node()}", packages(), wanted)
+    results, begun = list[Result](), time.perf_counter()
+    for task, entry in orders:
+        before = time.perf_counter()
+        if results and before - begun > CALL_SECONDS:
+            break
+        try:
+            part = task.solve(None if entry is None else decode(entry))
+            results.append(Result(encode(task.name, part), task.done(part), time.perf_counter() - before))
+        except Exception:
+            if not results:
+                raise
+            break
+    return results
+
+
+def solve_all(
+    label: str,
+    tasks: Sequence[Task],
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    store: Store | None = None,
+) -> list[TaskResult]:
+    """Do ``tasks`` and return their results in the order of the tasks, whichever is finished first.
+
+    Parameters
+    ----------
+    label : name of the work for ``progress``, which is told of each step once its result has been kept.
+    tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it holds.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a dask client among them;
+        None does one task after the other. It is not shut down.
+    store : where each result is kept as soon as it is found.
+
+    An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
+    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within
+    half a second are kept, and calls that have not begun by then are cancelled.
+    """
+    known = store or Store()
+    with progress.step(label, sum(task.steps for task in tasks)) as step:
+        _Work(tasks, known, step).run(InProcess() if executor is None else executor)
+    return [_read(task, known) for task in tasks]
+
+
+def _read(task: Task, store: Store) -> TaskResult:
+    """Return the result of a finished task; if it has been damaged meanwhile, it is found again."""
+    part = store.read(task.name)
+    while part is None or task.done(part) < task.steps:
+        part = task.solve(part)
+    return part
+
+
+class _Work:
+    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent."""
+
+    def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
+        self.tasks, self.store, self.step, self.left = tasks, store, step, deque[int]()
+        #: tasks of each call under way; entries of tasks that have begun; how often a worker was lost with each
+        self.running, self.begun, self.losses = dict[Future[list[Result]], list[int]](), dict[int, bytes](), Counter[int]()
+        #: time of a step of each kind of task, s
+        self.seconds: dict[str, float] = {}
+        found = 0
+        for index, task in enumerate(tasks):
+            part = store.read(task.name) if task.name in store else None
+            steps = 0 if part is None else task.done(part)
+            found += steps
+            if part is None or steps < task.steps:
+                self.left.append(index)
+                self.begun |= {} if part is None else {index: encode(task.name, part)}
+        step.advance(found)  # also if nothing was: the clock of the progress begins here
+
+    def run(self, executor: Executor) -> None:
+        """Have the tasks done, by calls of which a few are under way for each worker."""
+        ready, options, looked = SimpleQueue[Future[list[Result]]](), dict[str, bool](), -math.inf
+        if self.left and (client := client_of(executor)) is not None:
+            largest = max((self.tasks[index] for index in self.left), key=lambda task: task.memory)
+            check_workers(client, largest.memory, largest.where)
+            options = {"pure": False}  # otherwise dask looks into the tasks for what it knows already
+        try:
+            while self.left or self.running:
+                if (now := time.monotonic()) - looked > _LOOK_SECONDS:
+                    most, looked = count_calls(executor), now
+                while self.left and ready.empty() and len(self.running) < (1 if self._is_suspect() else most or 1):
+                    indices = self._take(most)
+                    orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
+                    future = executor.submit(advance, orders, packages(), **options)
+                    self.running[future] = indices
+                    future.add_done_callback(ready.put)
+                try:
+                    future = ready.get(timeout=_LOOK_SECONDS)
+                except Empty:  # look at the workers again
+                    continue
+                self._receive(future, self.running[future])
+                del self.running[future]
+        finally:
+            wait(self.running, _PATIENCE)
+            for future, indices in self.running.items():
+                if not future.cancel() and future.done() and not future.cancelled() and future.exception() is None:
+                    with suppress(OutputError):  # this may be the very error that is being raised
+                        self._keep(indices, future.result())
+
+    def _is_suspect(self) -> bool:
+        """Return whether the next task or one under way may be why workers were lost, and is to be alone."""
+        suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
+        return not suspects.isdisjoint(chain([self.left[0]], *self.running.values()))
+
+    def _take(self, calls: int) -> list[int]:
+        """Take the tasks of the next of so many calls: one if it is not known to be short, or if a worker was lost with it.
+
+        Towards the end calls become shorter, so that all workers end at about the same time.
+        """
+        most = max(1, len(self.left) // (2 * calls)) if calls else 1
+        indices, seconds = list[int](), 0.0
+        while self.left and len(indices) < most:
+            index = self.left[0]
+            seconds += math.inf if self.losses[index] else self.seconds.get(self.tasks[index].kind, math.inf)
+            if indices and seconds > CALL_SECONDS:
+                break
+            indices.append(self.left.popleft())
+        return indices
+
+    def _keep(self, indices: Sequence[int], results: Sequence[Result]) -> None:
+        for index, result in zip(indices, results, strict=False):
+            self.store.append(self.tasks[index].name, result.entry)
+
+    def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
+        """Keep what a call has brought, and put back what is left of it; if its worker was lost, all of it."""
+        results: list[Result] = []
+        try:
+            results = future.result()
+        except CancelledError:
+            what, why = "the scheduler does not answer any more", "It has ended, or the network has failed"
+            mend = "What is finished is kept: run the same command again to continue"
+            raise GranphonError(message(what, why, mend)) from None
+        except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
+            if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
+                raise
+            self.losses.update(dict.fromkeys(indices, getattr(error, "allowed_failures", 0) + 1))
+            times, where = self.losses[indices[0]], self.tasks[indices[0]].where
+            if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
+                what = f"{where}: the worker process that did it has ended, {times} times"
+                mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
+                raise GranphonError(message(what, "It was killed, or ran out of memory", mend)) from None
+        self._keep(indices, results)
+        self.left.extendleft(reversed(indices[len(results) :]))
+        for index, result in zip(indices, results, strict=False):
+            task = self.tasks[index]
+            self.seconds[task.kind] = 0.5 * (self.seconds.get(task.kind, result.seconds) + result.seconds)
+            self.begun.pop(index, None)
+            if result.steps < task.steps:
+                self.begun[index] = result.entry
+                self.left.appendleft(index)
+            self.step.advance()
