@@ -1,9 +1,8 @@
 """A disordered array by sparse matrices: the reference for the stencils and conjugate gradients of the simulation.
 
-Balls, units and the measure of rest are those of :mod:`granphon.array.equilibrium`. The
-algorithm is another: C is a matrix made from the table of contacts, Newton's method factorises (LU) at each step, and one
-more factorisation gives the linear response with rotations. Stencils, Fourier transforms and conjugate gradients are not
-used.
+Balls, units and the measure of rest are those of :mod:`granphon.array.equilibrium`. The algorithm is another: C is a matrix
+made from the table of contacts, Newton's method factorises (LU) at each step, and one more factorisation gives the linear
+response with rotations. Stencils, Fourier transforms and conjugate gradients are not used.
 """
 
 from __future__ import annotations
