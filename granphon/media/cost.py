@@ -68,6 +68,8 @@ _STATE_TIME = {1: (0.5, 0.5), 2: (1.5, 1.8), 3: (4.5, 8.0)}
 _FEW_BALLS = 4500.0
 #: part by which each further ball of the cell makes the time per ball longer
 _FURTHER_BALL_TIME = 0.4
+#: part of it that the linear response takes
+_RESPONSE_PART = 0.45
 #: time of a state with its exponent, for which two neighbouring states are found, over that of the state
 _EXPONENT_TIME = 2.6
 #: time of a state in the exact geometry over that on the lattice, and f* below which it grows as 1/f*^(1/2): more balls are
@@ -76,6 +78,8 @@ _EXACT_TIME = 4.0
 _LOOSE_FORCE = 0.03
 #: steps of the load for each unit of a*, at the tolerance 1e-4; they grow as its inverse root
 _STEPS = 30.0
+#: steps to each load, at least: the error of one is known from two of half its length
+_LEAST_STEPS = 2.0
 #: steps from the gas to where an array stands, and to the neighbouring loads for an exponent
 _GAS_STEPS, _BESIDE_STEPS = 200.0, 3.0
 #: longest way in a* from one load to the next that counts
@@ -297,17 +301,18 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     if periods > 1 and np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[periods - 1]:
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
     exponents = exponents and packing.spread_matters
+    state = _STATE_TIME[periods][turning] * (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
     if history.is_loaded:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
         work = _count_iterations(simulation, load, exponents) * _ITERATION_TIME[periods]
         work *= (1.0 + _FEW_LOADED_BALLS / balls) * (_EXACT_ITERATION_TIME if simulation.is_exact else 1.0)
+        work += _RESPONSE_PART * state * load.size * (1 + 2 * exponents)
     else:
         # on a line no contact opens, and no load is near a threshold
         each = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE)) / _estimate_effort(_SMALL_FORCE)
         if simulation.is_exact:
             each = _EXACT_TIME * np.sqrt(np.maximum(_LOOSE_FORCE / force, 1.0)) * each
-        work = float(np.sum(each)) * _STATE_TIME[periods][turning] * (_EXPONENT_TIME if exponents else 1.0)
-        work *= (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
+        work = float(np.sum(each)) * state * (_EXPONENT_TIME if exponents else 1.0)
     work *= (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1)) * balls * simulation.samples
     mu = history.friction_coefficient or 0.0
     bounds = history.from_gas or 0.0 < mu < _LEAST_FRICTION or history.step_tolerance < _LEAST_TOLERANCE
@@ -324,7 +329,8 @@ def _count_iterations(simulation: DirectSimulation, load: Load, exponents: bool 
         known = find_spacing(packing, np.array([start.force]))[0] if start.overlap is None else start.overlap + 0.5
         begin = float(known)
     ways = np.minimum(np.abs(np.diff(path, prepend=begin)), _MOST_WAY)
-    steps = float(np.sum(np.maximum(_STEPS * ways * math.sqrt(1e-4 / history.step_tolerance), 1.0)))
+    each = np.maximum(_STEPS * ways * math.sqrt(1e-4 / history.step_tolerance), _LEAST_STEPS)
+    steps = float(np.sum(each, where=ways > 1e-9))  # a load at which the array stands already takes none
     steps += _BESIDE_STEPS * len(path) * exponents + _GAS_STEPS * history.from_gas
     sliding, mu = 0.0, history.friction_coefficient or 0.0
     if 0.0 < mu < math.inf:

@@ -236,10 +236,10 @@ class SweepRun:
     def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
         path = None if bands is None else PathPoints.of([case.packing for case in grid.cases], bands, npoints, labels)
-        frame, asked = make_frame(grid, path), replace(grid.asked, qpoints=None if path is None else path.qpoints)
-        if asked.sound:
+        frame = make_frame(grid, path)
+        if grid.asked.sound:
             _require_sound(grid.cases)
-        return cls(grid, frame, tuple(CaseTasks(replace(case, asked=asked)) for case in grid.cases))
+        return cls(grid, frame, tuple(CaseTasks(case, None if path is None else path.qpoints) for case in grid.cases))
 
     def do(
         self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None

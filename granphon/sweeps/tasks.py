@@ -67,9 +67,13 @@ def to_json(data: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class CaseTasks:
-    """The tasks of a case, and the result of the case that is made of theirs."""
+    """The tasks of a case, and the result of the case that is made of theirs.
+
+    ``qpoints`` are those of the bands that are asked for, None without bands.
+    """
 
     case: Case
+    qpoints: Any = None
 
     @cached_property
     def media(self) -> list[MediumTask]:
@@ -83,12 +87,13 @@ class CaseTasks:
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
         # lattices have no waves of their own here, and their exponents cost nothing
-        ideal = replace(case.asked, waves=None, exponents=True)
+        asked = replace(case.asked, qpoints=self.qpoints)
+        ideal = replace(asked, waves=None, exponents=True)
         return [
             MediumTask(
                 f"{case.label}: {serving.medium.label}" if serving.chosen_automatically else case.label,
                 serving,
-                case.asked if serving.arrays else ideal,
+                asked if serving.arrays else ideal,
             )
             for serving in serving_media
         ]

@@ -112,16 +112,3 @@ def test_dashpots_give_up_where_nothing_falls_or_a_fall_has_no_end():
     endless = Falling(math.inf, 0.05)
     assert relax_overdamped(endless, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
     assert len(endless.drags) < 100
-
-
-@pytest.mark.exhaustive
-@pytest.mark.claim("friction-falls")
-def test_a_ball_that_is_wedged_between_others_does_not_end_a_path():
-    packing = gp.Packing(gp.Material(210e9, 0.3, 7800.0), 8e-3, spread=gp.Normal(1e-6), lattice="fcc")
-    history = {"friction_history": True, "friction_coefficient": 0.5, "geometry": "lattice"}
-    simulation = gp.DirectSimulation(packing, (10, 10, 10), 1, **history)
-    begun, pressed = (one.equilibrium for one in simulation.path(overlap=[0.0, packing.width / 16.0]).samples)
-    assert pressed.residual <= 1e-9
-    assert pressed.damped > 1e-5 * pressed.work
-    lost = pressed.slid + pressed.loosened + pressed.damped
-    assert pressed.work - lost == pytest.approx(pressed.energy - begun.energy, rel=1e-2)
