@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 
-import granphon as gp
 from granphon.array.dashpots import DRAG, relax_overdamped
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.pressing import PressedArray
