@@ -57,6 +57,9 @@ _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
+#: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
+#: most bytes of it
+_WORKSPACE_BYTES, _MOST_WORKSPACE = {1: 25.0, 2: 65.0, 3: 130.0}, 2.3e6
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 #: least f* of an estimate
@@ -295,6 +298,7 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     green = _GREEN_BYTES * structure.n_balls * motions**2
     kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES[periods] * (count - 1)
     memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES)[periods] + green + kept)
+    memory += (simulation.samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
     force = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)

@@ -71,14 +71,15 @@ def test_memory_in_every_lattice(lattice, shape, friction):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (16, 16, 16)), ("hcp", (10, 10, 10)), ("chain", (8192,))])
+@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (16, 16, 16)), ("hcp", (10, 10, 10))])
 def test_time_in_every_lattice_is_counted_in_units_of_the_small_sample(lattice, shape):
     """The work of Newton's method and conjugate gradients, as counted, against that of the triangular lattice."""
     balls = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice)
+    arrays = gp.DirectSimulation(balls, shape, geometry="lattice")
     force = np.array([0.02, 0.5, 30.0])
-    found = [gp.DirectSimulation(balls, shape).at_force(f * balls.width_units.force).sample.equilibrium for f in force]
+    found = [arrays.at_force(f * balls.width_units.force).sample.equilibrium for f in force]
     done = np.array([state.conjugate + 4 * state.newton for state in found], float)
-    each = [estimate(gp.DirectSimulation(balls, shape), Load("force", f * balls.width_units.force)).work for f in force]
+    each = [estimate(arrays, Load("force", f * balls.width_units.force)).work for f in force]
     ratio = done / np.array(each)
     assert np.max(ratio) / np.min(ratio) < 3.0
 
