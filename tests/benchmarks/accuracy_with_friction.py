@@ -120,7 +120,7 @@ def measured_shapes(lattice: str) -> dict[str, Spread]:
     return {label: shapes()[label] for label in DISTRIBUTIONS if label not in SCOPES[lattice].left_out}
 
 
-class MediumBase(ReferenceModel):
+class LoadedReference(ReferenceModel):
     """Samples loaded with friction: what :class:`accuracy.ReferenceModel` has of samples at rest without."""
 
     def __init__(
@@ -168,7 +168,7 @@ def measured(
         rest = gp.DirectSimulation(balls, shape, 10_000, samples, geometry=geometry)
         at_force = rest.at_force(np.array(forces) * unit(balls))
         for mu in coefficients:
-            truth = MediumBase(lattice, spread, ratio, mu, forces, shape, 10_000, samples, geometry)
+            truth = LoadedReference(lattice, spread, ratio, mu, forces, shape, 10_000, samples, geometry)
             # the same samples at the spacing that they have with friction
             still = {"force": at_force, "overlap": rest.at_overlap(truth.state.overlap)}
             for response in SCOPES[lattice].responses:
@@ -274,13 +274,13 @@ def trials(lattice: str, seed: int, samples: int, loads: int, spreads: Sequence[
         for low, high in ((0.1, 0.2), (0.2, 0.5), (0.5, 2.0)):
             ratio, mu = float(draw.uniform(0.0, 0.5)), float(draw.uniform(low, high))
             forces = np.sort(np.exp(draw.uniform(math.log(least), math.log(greatest), loads))).tolist()
-            truth = MediumBase(lattice, spread, ratio, mu, forces, shape, 20_000, samples)
+            truth = LoadedReference(lattice, spread, ratio, mu, forces, shape, 20_000, samples)
             for response in scope.responses:
                 truth.respond(response)
                 yield from try_tolerances(truth, numbers(truth.state), mu, response)
 
 
-def try_tolerances(truth: MediumBase, right: Array, mu: float, response: str) -> Iterator[Trial]:
+def try_tolerances(truth: LoadedReference, right: Array, mu: float, response: str) -> Iterator[Trial]:
     """Try what ``auto`` takes at each load of a truth, whose numbers are ``right``, for each tolerance."""
     balls, largest = truth.balls, even_shape(find_lattice(truth.lattice), SCOPES[truth.lattice].largest)
     options = {"friction_history": True, "friction_coefficient": mu, "shear_response": response}
