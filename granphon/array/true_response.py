@@ -82,10 +82,11 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
     stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
     wanted = _is_small(frame) if symmetric else _can_factorise(frame)
-    matrix = _compose(frame, stiff, _tabulate(place, acting)) if wanted else None
+    table = np.array(list(_tabulate(place, acting))) if symmetric else None
+    product = None if table is None else frame.couple(table)
+    matrix = _compose(frame, stiff, _tabulate(place, acting) if table is None else table) if wanted else None
     inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
     inverse, most = next(inverses)
-    product = frame.couple(np.array(list(_tabulate(place, acting)))) if symmetric else None
 
     def apply(vector: Array) -> Array:
         if product is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from dataclasses import replace
@@ -33,18 +32,10 @@ from granphon.array.true_geometry import ExactGeometry
 from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear
+from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
 
 ETA = 0.82
-
-
-@functools.cache
-def balls(shape, seed=0):
-    """x of uniformly spread balls, of mean zero."""
-    x = gp.Uniform(1.0).sample(shape, seed)
-    x = x - np.mean(x)
-    x.setflags(write=False)
-    return x
 
 
 def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, **more):
