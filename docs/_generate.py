@@ -59,12 +59,12 @@ from granphon.media.choice import MEDIA, OPTIONS
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
+from granphon.runs.archive import load_sweep
 from granphon.scene import rules
 from granphon.scene.fields import FIELDS as SCENE_FIELDS
 from granphon.scene.result_files import RESULT_FILES
 from granphon.scene.rules import PARTS, Context
 from granphon.scene.scene import Scene
-from granphon.sweeps.archive import load_sweep
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
 HERE = Path(__file__).parent

@@ -54,10 +54,10 @@ from .phonons.calculator import atoms as atoms
 from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
+from .runs.archive import load_sweep as load_sweep
+from .runs.sweep import sweep as sweep
 from .scene.results import RunResult as RunResult
 from .scene.scene import Scene as Scene
-from .sweeps.archive import load_sweep as load_sweep
-from .sweeps.sweep import sweep as sweep
 from .tradeoffs.measure import MeasuredPoint as MeasuredPoint
 from .tradeoffs.measure import TradeOff as TradeOff
 from .tradeoffs.measure import tradeoff as tradeoff

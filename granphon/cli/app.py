@@ -9,7 +9,7 @@ import typer
 
 from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
-from granphon.sweeps import MOST_WORKERS
+from granphon.runs import MOST_WORKERS
 
 #: groups of commands, in the order of the help
 GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = "Scenes", "Pictures", "Comparisons", "About granphon"

@@ -71,9 +71,9 @@ def check_scene(scene: SceneFile) -> None:
       granphon check scene.yaml
     """
     from granphon.observables.validity import validity
+    from granphon.runs.cases import label_warnings
     from granphon.scene.result_files import expected_files, tell_undrawn
     from granphon.scene.scene import Scene
-    from granphon.sweeps.cases import label_warnings
 
     read = Scene.from_yaml(scene)
     rows = describe_scene(read)  # first, because it raises if there is too little memory
@@ -128,10 +128,10 @@ def run_scene(
       granphon run sweep.yaml -o out --scheduler tcp://10.0.0.1:8786
     """
     from granphon.base.progress import on_stderr
+    from granphon.runs.schedulers import open_executor, require_workers
     from granphon.scene.result_files import WORK_FILE, tell_undrawn
     from granphon.scene.run import is_complete
     from granphon.scene.scene import Scene
-    from granphon.sweeps.schedulers import open_executor, require_workers
 
     def left() -> str:
         """Describe what an interruption has left in the folder."""

@@ -200,10 +200,10 @@ def measure_tradeoff(
     from granphon.base.validation import require
     from granphon.cli.wording import describe_tradeoff
     from granphon.media.friction_history import REFERENCE_OPTIONS
+    from granphon.runs.schedulers import open_executor, require_workers
+    from granphon.runs.store import open_store
     from granphon.scene.result_files import WORK_FILE
     from granphon.scene.scene import Scene
-    from granphon.sweeps.schedulers import open_executor, require_workers
-    from granphon.sweeps.store import open_store
     from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
 
     require_name("--out", out)

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief, message
-from granphon.sweeps.dataset import find_dataset
+from granphon.runs.dataset import find_dataset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

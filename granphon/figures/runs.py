@@ -23,10 +23,10 @@ from granphon.fits.measurements import Measurements
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
-from granphon.sweeps.dataset import find_dataset, tabulate
+from granphon.runs.dataset import find_dataset, tabulate
 
 if TYPE_CHECKING:
-    from granphon.sweeps.dataset import Dataset
+    from granphon.runs.dataset import Dataset
 
 
 Array = NDArray[np.float64]

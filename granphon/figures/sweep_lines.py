@@ -17,10 +17,10 @@ from granphon.figures.style import readable_unit
 from granphon.figures.words import describe_medium, describe_overlap, describe_parameter, list_facts
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
-from granphon.sweeps.dataset import list_finite_overlap
+from granphon.runs.dataset import list_finite_overlap
 
 if TYPE_CHECKING:
-    from granphon.sweeps.dataset import Dataset
+    from granphon.runs.dataset import Dataset
 
 
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond

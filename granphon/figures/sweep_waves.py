@@ -25,7 +25,7 @@ from granphon.figures.sweep_lines import find_load, list_combinations, pick_even
 from granphon.figures.zones import name_corners
 
 if TYPE_CHECKING:
-    from granphon.sweeps.dataset import Dataset
+    from granphon.runs.dataset import Dataset
 
 
 Array = NDArray[np.float64]

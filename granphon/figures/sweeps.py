@@ -35,7 +35,7 @@ from granphon.figures.words import join_facts
 from granphon.observables.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
-    from granphon.sweeps.dataset import Dataset
+    from granphon.runs.dataset import Dataset
 
 
 #: letters of a line of the legend, rows of it for which a figure has room, and the most combinations that it names

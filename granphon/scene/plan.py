@@ -26,15 +26,15 @@ from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
+from granphon.runs.cases import Asked, Case, Grid
 from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
-from granphon.sweeps.cases import Asked, Case, Grid
 from granphon.waves.settings import MOMENTS, READINGS, WaveSettings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from granphon.sweeps.dataset import Dataset
+    from granphon.runs.dataset import Dataset
 
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
@@ -63,7 +63,7 @@ class PlannedCase:
 
     @property
     def serving_media(self) -> list[ServingMedium]:
-        """The media that serve the loads, see :attr:`granphon.sweeps.cases.Case.serving_media`."""
+        """The media that serve the loads, see :attr:`granphon.runs.cases.Case.serving_media`."""
         with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.serving_media
 
@@ -254,7 +254,7 @@ class Plan:
         wanted = self.scene.waves
         if wanted is None or not self.scene.waves_need_arrays:
             return
-        from granphon.sweeps.wave_records import require_waves  # imported here: a scene without waves does not need it
+        from granphon.runs.wave_records import require_waves  # imported here: a scene without waves does not need it
 
         for one in self.few:
             with self.origin.at("spectrum"):
@@ -329,7 +329,7 @@ class Plan:
 
     def sweep(self, progress: Progress, executor: Executor | None = None, **options: Any) -> Dataset:
         """See :meth:`granphon.scene.scene.Scene.sweep`."""
-        from granphon.sweeps.sweep import sweep_grid
+        from granphon.runs.sweep import sweep_grid
 
         self.require_waves()
         with self.place_errors():

@@ -206,7 +206,7 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
         return Run.of(name, _read_fit(have["fit.yaml"]))
     dataset = bands = dos = None
     if "sweep.nc" in have:
-        from granphon.sweeps.archive import load_sweep
+        from granphon.runs.archive import load_sweep
 
         dataset = load_sweep(have["sweep.nc"])
     if "band.yaml" in have:

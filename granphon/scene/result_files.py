@@ -81,14 +81,14 @@ def _observes_in_samples(name: str, plan: Plan) -> bool:
 
 
 def _write_sweep(result: Any, place: Path) -> None:
-    from granphon.sweeps.archive import write_sweep
+    from granphon.runs.archive import write_sweep
 
     write_sweep(result.dataset, place / "sweep.nc")
 
 
 def _write_sweep_waves(name: str) -> Callable[[Any, Path], None]:
     def write(result: Any, place: Path) -> None:
-        from granphon.sweeps.archive import write_waves
+        from granphon.runs.archive import write_waves
 
         write_waves(result.dataset, place / name)
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from granphon.phonons.bands import Bands
     from granphon.phonons.dos import DensityOfStates
     from granphon.phonons.phonons import Phonons
+    from granphon.runs.dataset import Dataset
     from granphon.scene.sample_waves import SampleWaves
-    from granphon.sweeps.dataset import Dataset
 
 
 #: variables of which the summary of several states lists the least and the greatest value
@@ -51,7 +51,7 @@ class RunResult:
     ----------
     plan : of the scene.
     folder, files : folder of the results, and the paths of the files written there.
-    dataset : every state, with velocities, moduli and bands, as :func:`granphon.sweeps.sweep.sweep` returns it.
+    dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep` returns it.
     given : of a single state, what has been found of it; None after reading it from its folder.
     phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states,
         and after reading the result from its folder, where files hold these.
@@ -121,7 +121,7 @@ class RunResult:
     @property
     def finite_overlap(self) -> bool | list[bool]:
         """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
-        from granphon.sweeps.dataset import list_finite_overlap
+        from granphon.runs.dataset import list_finite_overlap
 
         if self.plan.is_single:
             return bool(self.state.finite_overlap)

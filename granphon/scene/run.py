@@ -16,6 +16,10 @@ from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import dump_yaml, read_yaml, versions
 from granphon.observables.catalogue import Analysis
+from granphon.runs.samples import SampleRecord
+from granphon.runs.store import Store, TaskResult, open_store
+from granphon.runs.sweep import SweepRun, keep_incomplete
+from granphon.runs.workers import packages
 from granphon.scene.plan import Plan
 from granphon.scene.reader import SceneSource
 from granphon.scene.result_files import (
@@ -28,10 +32,6 @@ from granphon.scene.result_files import (
 )
 from granphon.scene.results import RunResult
 from granphon.scene.rules import DIAMETERS_FILE
-from granphon.sweeps.samples import SampleRecord
-from granphon.sweeps.store import Store, TaskResult, open_store
-from granphon.sweeps.sweep import SweepRun, keep_incomplete
-from granphon.sweeps.workers import packages
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -74,7 +74,7 @@ def run(
     drawn = drawn if figures else ()
     every = (*names, *drawn)
     if resume and not force and is_complete(plan, target):
-        from granphon.sweeps.archive import load_sweep
+        from granphon.runs.archive import load_sweep
 
         there = tuple(target / name for name in every if (target / name).exists())
         return RunResult(plan, target, load_sweep(target / "sweep.nc"), files=there)

@@ -11,9 +11,9 @@ from typing import Any, Self
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.media.state import ContactState
+from granphon.runs.samples import SampleRecord
+from granphon.runs.wave_records import read_whole
 from granphon.scene.specification import Specification
-from granphon.sweeps.samples import SampleRecord
-from granphon.sweeps.wave_records import read_whole
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse, average_pulses

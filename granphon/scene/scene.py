@@ -24,8 +24,8 @@ from granphon.scene.specification import Specification
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from granphon.runs.dataset import Dataset
     from granphon.scene.results import RunResult
-    from granphon.sweeps.dataset import Dataset
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Scene(Specification):
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
         """Compute every state of the scene as one data set, from the cases of its :attr:`plan`.
 
-        ``options`` are keywords of :func:`granphon.sweeps.sweep.sweep` besides those that the scene answers: ``path``,
+        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
         ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
         that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
         that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.

@@ -18,11 +18,11 @@ from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.phonons.paths import BandPath, read_paths
+from granphon.runs.cases import require_arrays
 from granphon.scene import rules
 from granphon.scene.fields import scene_rule, write_blocks
 from granphon.scene.reader import SceneSource
 from granphon.scene.rules import Context
-from granphon.sweeps.cases import require_arrays
 from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings
 
 
@@ -113,7 +113,7 @@ class Specification:
 
     @property
     def bands(self) -> dict[str, Any]:
-        """The path of the bands, as keywords of :func:`granphon.sweeps.sweep.sweep`; empty if they are not observed."""
+        """The path of the bands, as keywords of :func:`granphon.runs.sweep.sweep`; empty if they are not observed."""
         if "bands" not in self.observe:
             return {}
         return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}

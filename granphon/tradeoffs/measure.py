@@ -1,6 +1,6 @@
 """Measure speed against accuracy: time and error of each medium.
 
-Studies (:mod:`granphon.tradeoffs.study`) are tasks (:mod:`granphon.sweeps.execution`) that share a budget of time; that of
+Studies (:mod:`granphon.tradeoffs.study`) are tasks (:mod:`granphon.runs.execution`) that share a budget of time; that of
 the media is the one there is. A finished one is kept. Each point of a study is timed several times after a run to warm up,
 and its error is that of the quantities that a scene observes.
 """
@@ -30,10 +30,10 @@ from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
-from granphon.sweeps.execution import solve_all
-from granphon.sweeps.store import Store, TaskResult
-from granphon.sweeps.tasks import to_json
-from granphon.sweeps.workers import packages
+from granphon.runs.execution import solve_all
+from granphon.runs.store import Store, TaskResult
+from granphon.runs.tasks import to_json
+from granphon.runs.workers import packages
 from granphon.tradeoffs.media_study import choose_study
 from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
 

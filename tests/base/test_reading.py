@@ -30,8 +30,8 @@ from granphon.base.tables import Table
 from granphon.base.text import dump_yaml, parse_yaml, plain_yaml, read_text
 from granphon.cli.commands import main
 from granphon.fits.measurements import Measurements
-from granphon.sweeps import archive
-from granphon.sweeps.store import Store, _seal, encode
+from granphon.runs import archive
+from granphon.runs.store import Store, _seal, encode
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3)
@@ -719,7 +719,7 @@ def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path, start, said, seconds
     raw = bytearray((written / "sweep.nc").read_bytes()[:-101])
     raw[start : start + 900] = bytes(900)
     (tmp_path / "sweep.nc").write_bytes(raw)
-    command = "import sys; from granphon.cli.commands import main; from granphon.sweeps import archive; "
+    command = "import sys; from granphon.cli.commands import main; from granphon.runs import archive; "
     command += f"archive.TRIAL_SECONDS = {seconds}; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
         [sys.executable, "-c", command, "plot", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False

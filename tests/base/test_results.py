@@ -231,7 +231,7 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
-    from granphon.sweeps.samples import RecordedState, SampleRecord
+    from granphon.runs.samples import RecordedState, SampleRecord
     from granphon.tradeoffs.ensemble import Ensemble
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
     from granphon.waves.path_spectra import find_path_spectra

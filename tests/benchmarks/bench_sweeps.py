@@ -19,9 +19,9 @@ import numpy as np
 from side_by_side import Part, Row
 
 import granphon as gp
-from granphon.sweeps.execution import solve_all
-from granphon.sweeps.schedulers import open_executor
-from granphon.sweeps.store import Store
+from granphon.runs.execution import solve_all
+from granphon.runs.schedulers import open_executor
+from granphon.runs.store import Store
 
 #: the workers, by the words of the table
 WORKERS: dict[str, dict[str, Any]] = {"--workers 2": {"workers": 2}, "--scheduler local:2": {"scheduler": "local:2"}}

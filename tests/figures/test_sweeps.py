@@ -16,7 +16,7 @@ import granphon as gp
 from granphon.array.sample import STEP
 from granphon.base.errors import FigureError, InputError
 from granphon.figures.sweeps import plot_exponent, plot_sweep, sweep_figure
-from granphon.sweeps.sweep import sweep
+from granphon.runs.sweep import sweep
 from tests.figures.conftest import drawn, texts
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -248,7 +248,7 @@ def test_slow_and_fast_transverse_waves_are_told_apart():
 def test_the_global_state_of_matplotlib_is_left_alone():
     code = (
         "import matplotlib\nbefore = dict(matplotlib.rcParams)\nimport numpy as np, granphon as gp\n"
-        "from granphon.figures.sweeps import sweep_figure\nfrom granphon.sweeps.sweep import sweep\n"
+        "from granphon.figures.sweeps import sweep_figure\nfrom granphon.runs.sweep import sweep\n"
         "packing = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3, gp.Uniform(1e-6))\n"
         "sweep_figure(sweep(packing, force=[1.0, 2.0], media=('afa',))).canvas.draw()\n"
         "assert dict(matplotlib.rcParams) == before"

@@ -23,7 +23,7 @@ from granphon.laws.cluster_balance import ClusterBalance, Effective
 from granphon.laws.cluster_descent import ClusterDescent
 from granphon.laws.cluster_points import ClusterPoints, PointSource, draw_points
 from granphon.media.choice import MediumChoice
-from granphon.sweeps.workers import Workers
+from granphon.runs.workers import Workers
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6

@@ -25,9 +25,9 @@ from granphon.media.accuracy import accuracy
 from granphon.media.candidates import even_shape
 from granphon.media.choice import MediumChoice, _sort_options, read_medium
 from granphon.media.left_out import expect_shear_deficit
+from granphon.runs.archive import load_sweep
+from granphon.runs.sweep import sweep
 from granphon.scene.scene import Scene
-from granphon.sweeps.archive import load_sweep
-from granphon.sweeps.sweep import sweep
 
 WIDTH = 2.04e-6
 KINDS = ("force", "pressure", "overlap")
@@ -356,7 +356,7 @@ def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
 
 
 def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_path, monkeypatch):
-    from granphon.sweeps import tasks
+    from granphon.runs import tasks
 
     forces = (np.array([4.0, 0.3, 1.0, 0.31]) * unit).tolist()
     options = {"force": forces, "media": [{"auto": {"tolerance": 5e-3}}, "ala"]}
@@ -388,8 +388,8 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
 
 def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
     """So that a sweep that is resumed finds it under the same name."""
-    from granphon.sweeps.cases import Case
-    from granphon.sweeps.tasks import CaseTasks
+    from granphon.runs.cases import Case
+    from granphon.runs.tasks import CaseTasks
 
     def names(forces):
         work = CaseTasks(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)))

@@ -27,8 +27,8 @@ from granphon.figures.sweep_lines import describe_lines
 from granphon.figures.sweeps import sweep_figure
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
+from granphon.runs.samples import RecordedState, SampleRecord
 from granphon.scene.redraw import read_run, redraw
-from granphon.sweeps.samples import RecordedState, SampleRecord
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6))

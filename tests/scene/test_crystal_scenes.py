@@ -24,9 +24,9 @@ from granphon.cli.scenes import PRESETS
 from granphon.cli.wording import describe_result, describe_scene
 from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.paths import BandPath
+from granphon.runs import archive
 from granphon.scene.run import is_complete
 from granphon.scene.scene import Scene
-from granphon.sweeps import archive
 
 MATERIAL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 #: lattices that hold their shape with the motions that they have by default

@@ -457,7 +457,7 @@ def test_an_error_of_a_load_within_a_range_is_placed_at_the_range(monkeypatch, i
         error.load_index = index
         raise error
 
-    monkeypatch.setattr("granphon.sweeps.sweep.sweep_grid", refuse)
+    monkeypatch.setattr("granphon.runs.sweep.sweep_grid", refuse)
     scene = Scene.from_text(BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 3}"), "range.yaml")
     with pytest.raises(SceneError, match=rf"^range\.yaml:3: {re.escape(place)}; allowed: a load .*it is refused$"):
         scene.sweep()
@@ -878,7 +878,7 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
 def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
     scene = Scene.from_text(text)
     monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 4e8)
-    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.of"):
+    for name in ("granphon.scene.run.run", "granphon.runs.sweep.SweepRun.of"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
         scene.run(tmp_path / "out")
@@ -902,7 +902,7 @@ def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(text,
     monkeypatch.setattr("granphon.media.cost._measure_time_per_ball", lambda: 1e-3)
     scene = Scene.from_text(BALLS + text)
     monkeypatch.setattr("granphon.media.cost.available_memory", lambda: math.inf)
-    for name in ("granphon.scene.run.run", "granphon.sweeps.sweep.SweepRun.of"):
+    for name in ("granphon.scene.run.run", "granphon.runs.sweep.SweepRun.of"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match="<scene>:" + words % "and no run may take more than 10,000 days on one processor"):
         scene.run(tmp_path / "out")

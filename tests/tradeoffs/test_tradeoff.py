@@ -23,7 +23,7 @@ from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
 from granphon.cli.commands import main
 from granphon.cli.wording import describe_tradeoff
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
-from granphon.sweeps.store import Store, encode, open_store, read_entries
+from granphon.runs.store import Store, encode, open_store, read_entries
 from granphon.tradeoffs import disorder as disorder_module
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.disorder import Disorder

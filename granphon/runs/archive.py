@@ -45,7 +45,7 @@ sys.path.insert(0, sys.argv[1])
 import granphon
 sys.path[:1] = []
 sys.path.extend(sys.argv[2:])
-from granphon.sweeps.archive import open_bytes
+from granphon.runs.archive import open_bytes
 open_bytes(sys.stdin.buffer.read())
 print("good")
 """
@@ -166,7 +166,7 @@ def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequ
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:
-    """Read the data set that :func:`granphon.sweeps.sweep.sweep` wrote to ``path`` into memory.
+    """Read the data set that :func:`granphon.runs.sweep.sweep` wrote to ``path`` into memory.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Many states at once: loads, media and parameters of the packing, as one labelled data set.
 
-The work is cut into tasks (:mod:`granphon.sweeps.tasks`), and the results are put in place by index. With a path each
+The work is cut into tasks (:mod:`granphon.runs.tasks`), and the results are put in place by index. With a path each
 finished task is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
 """
 
@@ -40,13 +40,13 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import Analysis
 from granphon.phonons.paths import BandPath
-from granphon.sweeps.archive import file_names, load_sweep, write_sweep
-from granphon.sweeps.cases import Asked, Case, Grid, require_arrays
-from granphon.sweeps.dataset import PathPoints, collect_identity, fill, make_frame
-from granphon.sweeps.execution import solve_all
-from granphon.sweeps.samples import SampleRecord
-from granphon.sweeps.store import Store, TaskResult, open_store
-from granphon.sweeps.tasks import INCOMPLETE, CaseTasks, drop_marks, require_complete, to_json
+from granphon.runs.archive import file_names, load_sweep, write_sweep
+from granphon.runs.cases import Asked, Case, Grid, require_arrays
+from granphon.runs.dataset import PathPoints, collect_identity, fill, make_frame
+from granphon.runs.execution import solve_all
+from granphon.runs.samples import SampleRecord
+from granphon.runs.store import Store, TaskResult, open_store
+from granphon.runs.tasks import INCOMPLETE, CaseTasks, drop_marks, require_complete, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
 
 if TYPE_CHECKING:
@@ -339,7 +339,7 @@ def _require_sound(cases: Sequence[Case]) -> None:
 
 def _require_waves(case: Case, wanted: WaveSettings) -> None:
     """Raise, with the case in front, if it is known that its arrays do not have the waves that are wanted."""
-    from granphon.sweeps.wave_records import require_waves  # imported here: a sweep without waves does not need it
+    from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
 
     try:
         require_waves(case.serving_media, wanted)

@@ -19,11 +19,11 @@ from granphon.dynamics.long_waves import voigt_names
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
-from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
-from granphon.sweeps.cases import Grid, label_warnings
-from granphon.sweeps.store import TaskResult
-from granphon.sweeps.tasks import CaseTasks, tell_warnings, to_json
-from granphon.sweeps.workers import packages
+from granphon.runs.archive import FORMAT, SWEEP_SCHEMA
+from granphon.runs.cases import Grid, label_warnings
+from granphon.runs.store import TaskResult
+from granphon.runs.tasks import CaseTasks, tell_warnings, to_json
+from granphon.runs.workers import packages
 
 if TYPE_CHECKING:
     from xarray import Dataset as Dataset

@@ -24,8 +24,8 @@ from typing import Any, cast
 
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.cost import available_memory
-from granphon.sweeps import MOST_WORKERS
-from granphon.sweeps.workers import Workers, hold_back_signals, packages, require_packages, start_tracker
+from granphon.runs import MOST_WORKERS
+from granphon.runs.workers import Workers, hold_back_signals, packages, require_packages, start_tracker
 
 #: time in which a scheduler must answer, s; and the longest time that closing the connection may take
 _ANSWER_SECONDS, _CLOSING_SECONDS = 5.0, 1.0

@@ -24,12 +24,12 @@ import pytest
 import granphon as gp
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MissingFileError, OutputError, SceneError
 from granphon.cli.commands import main
-from granphon.sweeps import execution, schedulers
-from granphon.sweeps.execution import solve_all
-from granphon.sweeps.schedulers import open_executor, require_workers
-from granphon.sweeps.store import Store, read_entries
-from granphon.sweeps.sweep import sweep
-from granphon.sweeps.workers import Workers, packages, require_packages
+from granphon.runs import execution, schedulers
+from granphon.runs.execution import solve_all
+from granphon.runs.schedulers import open_executor, require_workers
+from granphon.runs.store import Store, read_entries
+from granphon.runs.sweep import sweep
+from granphon.runs.workers import Workers, packages, require_packages
 
 distributed = pytest.importorskip("distributed")
 

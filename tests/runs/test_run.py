@@ -32,15 +32,15 @@ from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.commands import main
 from granphon.cli.wording import write_uncertain
+from granphon.runs.archive import load_sweep
+from granphon.runs.store import read_entries
+from granphon.runs.sweep import sweep
+from granphon.runs.workers import Workers
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
 from granphon.scene.results import RunResult
 from granphon.scene.run import is_complete
 from granphon.scene.scene import Scene
-from granphon.sweeps.archive import load_sweep
-from granphon.sweeps.store import read_entries
-from granphon.sweeps.sweep import sweep
-from granphon.sweeps.workers import Workers
 from tests.conftest import only
 
 SWEEP = """\
@@ -88,7 +88,7 @@ def count_parts(folder: Path) -> int:
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
     """Let the step after ``count`` others fail; the names of the tasks of those that were begun."""
-    from granphon.sweeps.tasks import MediumTask, SampleTask
+    from granphon.runs.tasks import MediumTask, SampleTask
 
     begun: list[str] = []
 
@@ -644,8 +644,8 @@ def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
     monkeypatch.syspath_prepend(work)
     import deadly  # by name, so that the worker finds it
 
-    monkeypatch.setattr("granphon.sweeps.execution.advance", deadly.advance)
-    monkeypatch.setattr("granphon.sweeps.execution.MOST_LOSSES", 2)
+    monkeypatch.setattr("granphon.runs.execution.advance", deadly.advance)
+    monkeypatch.setattr("granphon.runs.execution.MOST_LOSSES", 2)
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -841,7 +841,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     ("where", "error", "code"),
     [
         ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
-        ("granphon.sweeps.archive._write_table", OSError(28, "No space left on device"), 1),
+        ("granphon.runs.archive._write_table", OSError(28, "No space left on device"), 1),
         ("granphon.scene.run._write_summary", MemoryError(), 1),
     ],
 )
@@ -866,7 +866,7 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monke
 #: the command, whose workers never come to an end with the averaged force
 HELD = """
 import os, sys, time
-from granphon.sweeps import tasks
+from granphon.runs import tasks
 
 solved = tasks.MediumTask.solve
 
@@ -974,12 +974,12 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
 
 
 @pytest.mark.parametrize(
-    "moment", ["granphon.base.staging._finish", "granphon.sweeps.store.Store.clear", "granphon.cli.scenes.say_table"]
+    "moment", ["granphon.base.staging._finish", "granphon.runs.store.Store.clear", "granphon.cli.scenes.say_table"]
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
     from granphon.base import staging
     from granphon.cli import scenes
-    from granphon.sweeps import store
+    from granphon.runs import store
 
     places = {"_finish": staging, "clear": store.Store, "say_table": scenes}
     name = moment.rpartition(".")[2]
@@ -1014,7 +1014,7 @@ SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples:
 @pytest.mark.parametrize("more", ["", ", friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"])
 def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys, more):
     """Interrupted, gone on with by workers, they have the files of what went through; another state is refused."""
-    from granphon.sweeps.tasks import SampleTask
+    from granphon.runs.tasks import SampleTask
 
     (work / "scene.yaml").write_text(SAMPLES.replace("samples: 4", "samples: 4" + more))
     assert main(["run", "scene.yaml", "-o", "whole", "-q"]) == 0
@@ -1084,7 +1084,7 @@ HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_to
     ],
 )  # fmt: skip
 def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
-    from granphon.sweeps.sweep import SweepRun
+    from granphon.runs.sweep import SweepRun
 
     text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
     text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")
@@ -1139,7 +1139,7 @@ def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
 
 
 def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch, capsys):
-    from granphon.sweeps.tasks import MediumTask
+    from granphon.runs.tasks import MediumTask
 
     solve, again = MediumTask.solve, []
 
@@ -1156,7 +1156,7 @@ def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch,
 
 
 def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, capsys):
-    from granphon.sweeps.tasks import MediumTask
+    from granphon.runs.tasks import MediumTask
 
     solve = MediumTask.solve
 
@@ -1176,7 +1176,7 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
 def test_a_killed_sweep_goes_on(work, whole):
     code = (
-        "import os, signal\nfrom granphon.sweeps import store\nfrom granphon.cli.commands import main\n"
+        "import os, signal\nfrom granphon.runs import store\nfrom granphon.cli.commands import main\n"
         "append = store.Store.append\n"
         "def last(*arguments):\n    append(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
         "store.Store.append = last\nmain(['run', 'scene.yaml', '-o', 'out'])"

@@ -36,13 +36,13 @@ from granphon.base.errors import FileExistsInRunError, InputError, MechanismErro
 from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
-from granphon.sweeps import execution
-from granphon.sweeps import store as stores
-from granphon.sweeps.archive import load_sweep
-from granphon.sweeps.execution import solve_all
-from granphon.sweeps.store import Store, decode, encode, read_entries
-from granphon.sweeps.sweep import sweep
-from granphon.sweeps.workers import packages
+from granphon.runs import execution
+from granphon.runs import store as stores
+from granphon.runs.archive import load_sweep
+from granphon.runs.execution import solve_all
+from granphon.runs.store import Store, decode, encode, read_entries
+from granphon.runs.sweep import sweep
+from granphon.runs.workers import packages
 from tests.conftest import only
 
 FORCES = [18.446, 2.0, 5.0, 2.0]
@@ -1047,7 +1047,7 @@ def test_an_interruption_while_writing_keeps_the_parts(rough, serial, tmp_path, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("granphon.sweeps.archive._write_table", interrupt)
+        patch.setattr("granphon.runs.archive._write_table", interrupt)
         with pytest.raises(KeyboardInterrupt):
             sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
     assert [path.name for path in tmp_path.iterdir()] == [PARTIAL]
@@ -1342,7 +1342,7 @@ KEPT = """
 import sys
 from pathlib import Path
 import numpy as np
-from granphon.sweeps.store import Store, encode
+from granphon.runs.store import Store, encode
 store = Store(Path(sys.argv[1]))
 store.claim({"of": "this"})
 for n in range(100_000):
@@ -1438,7 +1438,7 @@ def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough
     other, path = change_packing(rough, {"density": 7841.0}), interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
         for module in ("tasks", "dataset"):
-            patch.setattr(f"granphon.sweeps.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
+            patch.setattr(f"granphon.runs.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
         with pytest.raises(FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"):
             sweep(rough, path=path, **ARGUMENTS)
     with pytest.raises(FileExistsInRunError, match=r"differ: packing\.material\.density is 7840\.0 there, and 7841\.0 here"):
@@ -1473,7 +1473,7 @@ def test_a_sweep_that_was_killed_goes_on(rough, serial, tmp_path):
         import os, signal
         from contextlib import contextmanager
         import granphon as gp
-        from granphon.sweeps.sweep import sweep
+        from granphon.runs.sweep import sweep
 
         class Killer:
             done = 0

@@ -16,7 +16,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.base.results import Result, read_only
 from granphon.media.sampled_state import HISTORY_UNITS
 from granphon.media.simulation import DirectSimulation, SimulatedState
-from granphon.sweeps.store import TaskResult
+from granphon.runs.store import TaskResult
 from granphon.waves.settings import WaveSettings
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class SampleRecord(Result):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
     ``fraction`` is the sample's ``contact_fraction()``, and ``of_waves`` what
-    :func:`~granphon.sweeps.wave_records.record_waves` found of its waves, if anything was asked for. The four before it are
+    :func:`~granphon.runs.wave_records.record_waves` found of its waves, if anything was asked for. The four before it are
     those of a history of friction, None without one.
     """
 
@@ -70,7 +70,7 @@ class SampleRecord(Result):
         """
         found: dict[str, Any] = {}
         if waves is not None:
-            from granphon.sweeps.wave_records import record_waves  # imported here: a sweep without waves does not need it
+            from granphon.runs.wave_records import record_waves  # imported here: a sweep without waves does not need it
 
             found = record_waves(sample, waves, whole)
         lost = {name: getattr(sample, name) for name in HISTORY_UNITS} if isinstance(sample, PressedSample) else {}

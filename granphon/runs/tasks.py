@@ -1,6 +1,6 @@
 """The tasks of a run: one medium on one packing at all loads that it serves, or one sample of a simulation, load by load.
 
-Tasks are plain data, see :mod:`granphon.sweeps.execution`. Of each sample only the few numbers that are averaged are kept,
+Tasks are plain data, see :mod:`granphon.runs.execution`. Of each sample only the few numbers that are averaged are kept,
 and of a single state its balls too, for files and figures of them. The averages equal those of one simulation of all
 samples, to the last bit.
 
@@ -34,11 +34,11 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Tally
 from granphon.observables.velocities import warn_of_free_branches
-from granphon.sweeps.archive import SWEEP_SCHEMA
-from granphon.sweeps.cases import Asked, Case
-from granphon.sweeps.samples import RecordedState, SampleRecord, keep_balls, restore_sample
-from granphon.sweeps.store import TaskResult
-from granphon.sweeps.workers import packages
+from granphon.runs.archive import SWEEP_SCHEMA
+from granphon.runs.cases import Asked, Case
+from granphon.runs.samples import RecordedState, SampleRecord, keep_balls, restore_sample
+from granphon.runs.store import TaskResult
+from granphon.runs.workers import packages
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -298,7 +298,7 @@ def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[
 
     An observable that is not known at some of the loads is nan there; one that is known at none is left out.
     """
-    from granphon.sweeps.wave_records import average_waves  # imported here: a sweep without waves does not need it
+    from granphon.runs.wave_records import average_waves  # imported here: a sweep without waves does not need it
 
     assert task.asked.waves is not None
     count = len(records) // load.size

@@ -1,4 +1,4 @@
-"""Many states as one data set: tasks, workers, files."""
+"""States of a scene or a sweep as one labelled data set: cases, tasks, workers, files."""
 
 __all__ = ["MOST_WORKERS"]
 

@@ -10,9 +10,9 @@ from granphon.balls.loads import Load
 from granphon.media import cost
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
+from granphon.runs.archive import load_sweep
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import expected_files
-from granphon.sweeps.archive import load_sweep
 from granphon.waves.path_spectra import find_path_points
 
 HEAD = (
@@ -144,7 +144,7 @@ def test_interrupted_sweep_goes_on_with_the_waves_that_it_has(done, tmp_path, mo
 
 
 def test_ioffe_regel_frequency_is_that_of_the_mean_lines():
-    from granphon.sweeps.wave_records import average_waves
+    from granphon.runs.wave_records import average_waves
     from granphon.waves.settings import SpectrumSettings, WaveSettings
 
     q, wanted = np.array([1.0, 2.0, 3.0]), WaveSettings(spectrum=SpectrumSettings())
@@ -296,7 +296,7 @@ def test_load_at_which_no_pulse_is_read_is_nan_with_a_warning(tmp_path):
 
 
 def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
-    from granphon.sweeps.wave_records import average_waves
+    from granphon.runs.wave_records import average_waves
     from granphon.waves.settings import PulseSettings, WaveSettings
 
     def record(velocity, note=""):
