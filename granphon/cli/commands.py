@@ -33,11 +33,13 @@ def _take_signals_and_warnings() -> Iterator[None]:
     """
     show = warnings.showwarning
 
-    def tell(text: Warning | str, kind: type[Warning], path: str, number: int, file: Any = None, line: Any = None) -> None:
-        if issubclass(kind, UnverifiedFileWarning):
-            warn([str(text)])
+    def tell(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+    ) -> None:
+        if issubclass(category, UnverifiedFileWarning):
+            warn([str(message)])
         else:
-            show(text, kind, path, number, file, line)
+            show(message, category, filename, lineno, file, line)
 
     is_main = threading.current_thread() is threading.main_thread()  # no other thread may set a handler
     before = signal.signal(signal.SIGTERM, signal.default_int_handler) if is_main else None
