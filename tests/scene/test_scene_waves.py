@@ -9,10 +9,10 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.phonons.paths import BandPath
+from granphon.runs.wave_records import read_waves
 from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import expected_files
-from granphon.scene.sample_waves import read_waves
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
