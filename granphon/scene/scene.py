@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import describe_packing
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.parameters import PARAMETERS, Axis
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import load_quantities
@@ -62,7 +62,7 @@ class Scene(Specification):
     @cached_property
     def plan(self) -> Plan:
         """Plan of the scene: its cases, the media that serve them, their states and cost, each computed once."""
-        return Plan.of(self, self._origin)
+        return Plan(self, self._origin, tuple(Axis(*axis) for axis in self.parameters), self.load)
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
