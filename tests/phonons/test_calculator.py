@@ -800,7 +800,7 @@ def test_forces_only_push(seed, amplitude, friction, finite_overlap):
         assert forces[1] @ (pair.positions[1] - pair.positions[0]) >= 0.0
 
 
-# -- force constants in a plane ----------------------------------------------------------------------------------------------------
+# -- force constants in a plane -------------------------------------------------------------------------------------------
 
 
 def test_force_constants_scale_with_the_contacts():

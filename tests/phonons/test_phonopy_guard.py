@@ -412,26 +412,3 @@ def test_frictionless_balls_have_an_idle_band():
     run = smooth.phonopy.run_qpoints(Q)
     np.testing.assert_allclose(run.frequencies[:, 0], 0.0, atol=1e-15)
     np.testing.assert_allclose(run.frequencies[:, 1:], reduced(smooth, Q), rtol=1e-12)
-
-
-# -- why what is refused is refused -------------------------------------------------------------------------------------
-
-
-def test_symmetrising_would_destroy_the_rotational_branch(ph):
-    bare = Phonopy(ph.phonopy.unitcell, ph.phonopy.supercell_matrix, primitive_matrix="P", is_symmetry=False)
-    bare.unit_conversion_factor = 1.0
-    bare.force_constants = ph.phonopy.force_constants.copy()
-    before = bare.run_qpoints([[0.0, 0.0, 0.0]]).frequencies[0, 2]
-    assert before == pytest.approx(np.sqrt(30.0 * STEEL.mindlin_ratio), rel=1e-12)
-    bare.symmetrize_force_constants()
-    assert bare.run_qpoints([[0.0, 0.0, 0.0]]).frequencies[0, 2] < 1e-6
-
-
-def test_moments_depend_on_rounding(ph):
-    # the first moment is that of the positive frequencies: the acoustic modes at Gamma are in it or not by their rounding
-    run = ph.phonopy.run_mesh([8, 8, 1], is_gamma_center=True, is_mesh_symmetry=False, is_time_reversal=False)
-    values = run.frequencies.ravel()
-    assert values.size == 192
-    moment = Phonopy.run_moment(ph.phonopy, order=1).moment
-    assert abs(moment - values.mean()) > 1e-3
-    assert moment == pytest.approx(values[values > 0].mean(), rel=1e-12)
