@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.geometry import ExactGeometry
 from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import number_cells
-from granphon.array.true_geometry import ExactGeometry
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -24,13 +24,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.conjugate_gradients import solve_for_motion
-from granphon.array.geometry import LatticeGeometry
+from granphon.array.geometry import LatticeGeometry, ReducedLoad
 from granphon.array.interior import approach
+from granphon.array.krylov import solve_for_motion
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
-from granphon.array.steps import NewtonIterate, ReducedLoad, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
@@ -72,6 +71,17 @@ CARRIED_FORCE = 10.0
 _RESPONSE = 1e-8
 #: the same of elastic constants, where it enters squared, over the part of an affine strain's energy that is stored
 _ELASTIC = 1e-7
+#: fraction of a given load by which rounding may miss it
+_LOAD_ROUNDING = 1e-15
+#: force left on a ball that the rounding of displacements explains, in units of it times the stiffness
+_MOVE_ROUNDING = 16.0
+#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
+#: digits
+_LOAD_TOLERANCE = 1e-3
+#: largest number of trials for the length of a step
+_LENGTH_TRIALS = 30
+#: number of contacts that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**14
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -265,6 +275,108 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
     return np.shape(deviations)[lattice.n_balls > 1 :]
 
 
+def compute_excess(overlap: float, differences: Array, out: Array | None = None) -> tuple[Array, Array]:
+    """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
+    common = max(overlap, 0.0)
+    change = np.maximum(differences, -overlap, out=out)  # h_+ - y_+
+    if overlap < 0.0:
+        change += overlap
+    root = change + common
+    np.sqrt(root, out=root)
+    if common == 0.0:
+        change *= root
+        return change, root
+    # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
+    factor = root + math.sqrt(common)
+    np.divide(common, factor, out=factor)
+    factor += root
+    change *= factor
+    return change, root
+
+
+class NewtonIterate:
+    """Balls on the way to equilibrium: what their place tells of the contacts and, once found, how far they are from rest.
+
+    Attributes
+    ----------
+    overlap, balls : y and the displacements.
+    excess : forces of the contacts (contacts, L1, ..., Lp) less those with the common overlap.
+    root : (contacts, L1, ..., Lp) h_+^(1/2) of the contacts, in single precision.
+    rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
+    force : mean contact force.
+    level : mean stiffness of the contacts.
+    left : largest force left on a ball.
+    distance : force left over the scale that tolerances are of.
+    """
+
+    rest: Motion
+    force: float
+    level: float
+    left: float
+    distance: float
+
+    def __init__(self, y: float, balls: Array, means: Array, stencils: Stencils) -> None:
+        self.overlap, self.balls, self._stencils = y, balls, stencils
+        differences = stencils.operator.deform(balls)
+        np.subtract(means, differences, out=differences)
+        root: Array = differences.astype(np.float32)
+        sums = np.zeros(3)  # of excess forces, of their squares, and of roots
+        flat, roots = differences.reshape(-1), root.reshape(-1)
+        for low in range(0, flat.size, _CACHED):
+            part = flat[low : low + _CACHED]
+            _, contact = compute_excess(y, part, part)
+            roots[low : low + _CACHED] = contact
+            sums += np.sum(part), dot(part, part), np.sum(contact)
+        self.excess, self.root, self._sums = differences, root, sums.tolist()
+
+    def measure(self, load: ReducedLoad, least: float) -> Self:
+        """Find how far the balls are from rest; forces no larger than ``least`` count as that."""
+        pull = self._stencils.forces(self.excess)
+        contacts, common, (total, squares, roots) = self.root.size, max(self.overlap, 0.0) ** 1.5, self._sums
+        mean, square, self.level = (one / contacts for one in (total, squares, 1.5 * roots))
+        self.force = common + mean
+        push = (load.force - common) - mean if load.overlap is None else 0.0
+        # where overlaps are small, near the rigidity threshold and on a line, the spacing of doubles at y and at the
+        # displacements is too coarse to meet the load
+        spacing = math.ulp(max(self.overlap, float(np.max(np.abs(self.balls)))))
+        push *= abs(push) > _LOAD_ROUNDING * self.force + spacing * self.level
+        self.left = math.sqrt(float(np.max(np.sum(self._stencils.cartesian(pull) ** 2, axis=0))))
+        self.rest = Motion(pull, contacts * push)
+        scale = min(self.force, max(math.sqrt(max(0.0, square - mean**2)), self.level * least))
+        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
+        moved = float(np.max(np.abs(self.balls))) if len(self._stencils.shape) == 1 else 0.0
+        at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * self.level
+        # the load itself is met to more digits: it is a number that the user gave
+        push = self.rest.compression / contacts
+        missed = abs(push) / (_LOAD_TOLERANCE * self.force) if push else 0.0
+        self.distance = max(0.0 if at_rest else self.left / scale, missed)
+        return self
+
+    def search(self, step: Motion, means: Array, load: ReducedLoad) -> tuple[NewtonIterate, float]:
+        """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size.
+
+        Returns the balls there, and the length. Lengths are tried by Newton's method in one dimension, within brackets.
+        """
+        strain = self._stencils.operator.deform(step.balls) - step.compression
+        first = dot(self.rest.balls, step.balls) + self.rest.compression * step.compression
+        low, high, length = 0.0, math.inf, 1.0
+        for _ in range(_LENGTH_TRIALS):
+            y, balls = self.overlap + length * step.compression, self.balls + length * step.balls
+            there = NewtonIterate(y, balls, means, self._stencils)
+            slope = -dot(there.excess, strain)
+            if load.overlap is None:
+                slope += step.compression * means.size * (max(y, 0.0) ** 1.5 - load.force)
+            if abs(slope) <= 0.1 * abs(first):
+                break
+            low, high = (length, high) if slope < 0.0 else (low, length)
+            rise = 1.5 * float(np.einsum("i,i,i", there.root.ravel(), strain.ravel(), strain.ravel()))
+            length = length - slope / rise if rise > 0.0 else math.inf
+            if not low < length < high:
+                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+            length = min(length, 4.0 * low) if high == math.inf else length
+        return there, length
+
+
 def equilibrate(
     deviations: Array,
     load: ReducedLoad,
@@ -314,7 +426,7 @@ def equilibrate(
         balls = stencils.green_preconditioner(means.dtype, 1.0)(stencils.forces(means))
     # linear equations need few digits, and single precision takes half of the time
     single, before = not begun, 0.0
-    here = NewtonIterate.find(y, balls, means, load, stencils)
+    here = NewtonIterate(y, balls, means, stencils).measure(load, least)
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
             raise InputError(
@@ -324,7 +436,7 @@ def equilibrate(
                     "Press it together more",
                 )
             )
-        distance = here.distance(least, stencils)
+        distance = here.distance
         if distance <= tolerance:
             state = Equilibrium(
                 deviations=deviations, overlap=here.overlap, balls=stencils.centre(here.balls),
@@ -345,7 +457,8 @@ def equilibrate(
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)
-        here, length = take_step(here, step, means, load, stencils)
+        there, length = here.search(step, means, load)
+        here = there.measure(load, least)
         # where balls that nothing holds move far, single precision may spoil a step
         steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(

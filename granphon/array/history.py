@@ -1,6 +1,6 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.true_geometry`). Units are
+Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.geometry`). Units are
 those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
 the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
 ball are in balance,
@@ -8,7 +8,7 @@ ball are in balance,
     C_n^T f = C_s^T T
 
 where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this (:mod:`granphon.array.stepper`).
-Where it fails, dashpots slow the balls down (:mod:`granphon.array.dashpots`); where they too find no balance, the step is
+Where it fails, dashpots slow the balls down (:mod:`granphon.array.stepper`); where they too find no balance, the step is
 taken in two halves. Steps are halved also until this changes f* and what is lost by little. The work of the load is then the
 integral of f* dy for each contact.
 """
@@ -18,20 +18,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.dashpots import GAS, press_gas, relax_overdamped
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import FrictionLaw
-from granphon.array.geometry import Geometry, LatticeGeometry
-from granphon.array.load_step import SMALL_FRICTION
-from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, goes_on, weigh_states
+from granphon.array.friction import FrictionLaw, PressedArray
+from granphon.array.geometry import Geometry, LatticeGeometry, ReducedLoad
+from granphon.array.load_step import BALANCE_TOLERANCE, SMALL_FRICTION
 from granphon.array.stencils import Stencils, dot
-from granphon.array.stepper import MOST_HALVINGS, Stepper, find_aim
-from granphon.array.steps import ReducedLoad
+from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -72,7 +68,7 @@ class LoadingHistory:
     start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
         overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
         it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
-        see :mod:`granphon.array.dashpots`: a beginning for lattices that friction alone holds.
+        see :mod:`granphon.array.stepper`: a beginning for lattices that friction alone holds.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
 
     Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
@@ -114,7 +110,7 @@ class LoadingHistory:
         """
         if self.start == GAS:
             # from where the first two balls touch
-            return press_gas(self.stepper, -float(np.max(self.stencils.average_pairs(self.deviations))))
+            return self.stepper.press_gas(-float(np.max(self.stencils.average_pairs(self.deviations))))
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
         load = ReducedLoad(overlap=START_SPACING - 0.5) if self.start is None else self.start
         state = self._rest(load, smooth) if isinstance(load, ReducedLoad) else load
@@ -231,8 +227,7 @@ class LoadingHistory:
         Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
         # with small friction balls come into balance only in stages, which steps with dashpots do without
-        falls = self.friction_coefficient >= SMALL_FRICTION
-        return self.stepper.step(trail, load, partial(relax_overdamped, self.stepper) if falls else None)
+        return self.stepper.step(trail, load, relaxes=self.friction_coefficient >= SMALL_FRICTION)
 
 
 def _correct_losses(states: Sequence[PressedArray], bent: Sequence[tuple[float, float]]) -> list[PressedArray]:

@@ -1,23 +1,38 @@
-"""Linear response of an array at rest: the small motions of balls by which they follow tensions of their contacts.
+"""Linear response of an array at rest: small motions of balls under forces, and elastic constants under stress.
 
-Conjugate gradients solve C^T K C u = C^T t. In single precision an iteration takes half of the time; what its solution
-leaves is found in double precision, and solved for again. Where that does not come nearer, as close to the rigidity
-threshold, the iteration itself goes on in double precision.
+Where contacts keep the directions of the lattice, the balls follow tensions of their contacts: conjugate gradients solve C^T
+K C u = C^T t. In single precision an iteration takes half of the time; what its solution leaves is found in double
+precision, and solved for again. Where that does not come nearer, as close to the rigidity threshold, the iteration itself
+goes on in double precision.
+
+In the true geometry what changes forces by a small motion is C^T D C and the forces that act, which turn with their contacts
+(:meth:`granphon.array.geometry.ExactPlace.respond`). Without tangential forces the operator is symmetric, and conjugate
+gradients solve it; with them GMRES does. The lattice's Green's function, or the factors of
+:mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d. A ball whose
+contacts all slide, or a row of balls that roll on each other, is held by no springs. What is left are the forces that act
+and turn with their contacts, W/d of the others. The preconditioners of the lattice know nothing of these, and iterations
+with them hardly come to an end. So what the forces do to each ball alone is added to the preconditioner of the lattice. In
+space rows of balls roll, of which a ball alone knows nothing: there the whole matrix is factorised (sparse LU). The matrix
+of a small array is factorised at once, which takes less time than iterations without factors; that of a larger one where
+iterations do not come to an end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import conjugate_gradients
+from granphon.array import sparse_matrices
+from granphon.array.geometry import ExactPlace, Inverse, Law
+from granphon.array.krylov import Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.residuals import Single
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
+from granphon.dynamics.long_waves import voigt_pairs
 
 Array = NDArray[np.float64]
 #: largest number of iterations for a linear response
@@ -26,71 +41,285 @@ _MOST_ITERATIONS = 60_000
 _SINGLE = 1e-4
 #: part of the energy of what was left before, from which single precision comes no nearer
 _STALLED = 1e-2
-#: fraction of a tension that rounding may leave unbalanced
+#: fraction of a tension or a force that rounding may leave unbalanced
 _NOISE = 1e-14
+#: relative residual of linear responses in the true geometry; the error of a stiffness is its square, without tangential
+#: forces
+_RESPONSE = 1e-7
+#: vectors that GMRES keeps
+_KEPT = 60
+#: cycles of GMRES after which the matrix is factorised
+_PATIENCE = 4
+#: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
+#: time than iterations without, by trial
+_MOST_AT_ONCE = (2**10, 2**9)
+#: the same where iterations without factors do not come to an end. In space the time grows as the power 2.5 of it: 1000
+#: balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
+_MOST_BALLS = (2**14, 2**11)
+#: regularisation added to the diagonal, over the mean stiffness: it fixes zero modes such as balls that turn against each
+#: other like gears, which what is left of torques, rounding among it, would turn without limit
+_HOLDING = 1e-10
 
 
-def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array], reduction: float) -> list[Array]:
+def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[Array], reduction: float) -> list[Array]:
     """Return the motions u (fields, L1, ..., Lp) that solve C^T K C u = C^T t for each of the ``tensions`` t of contacts.
 
-    ``stiffness`` and tensions are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tensions must
-    be zero too. The error of u in the energy norm is about ``reduction`` times u. Raises
+    The stiffnesses ``springs`` and tensions are (rows, L1, ..., Lp). A stiffness is zero where balls are apart; there the
+    tensions must be zero too. The error of u in the energy norm is about ``reduction`` times u. Raises
     :class:`~granphon.base.errors.ConvergenceError` if conjugate gradients do not converge.
     """
-    response = _Response(stencils, stiffness)
-    return [response.follow(tension, reduction) for tension in tensions]
+    mean = float(np.mean(springs[: stencils.n_contacts]))
+    single: Single = (springs / mean).astype(np.float32)  # which has no numbers below 1e-38
+    product = stencils.hessian(single)
+    inverse = Preconditioners(stencils).choose(single, hard=True, product=product)
 
+    def pull(tension: Array) -> Array:  # forces on balls, over the mean stiffness
+        return stencils.forces(tension) / mean
 
-class _Response:
-    """The equations of an array whose contacts have these ``springs``."""
+    def deform(balls: Array) -> Array:
+        return stencils.deformations(Motion(balls, 0.0))
 
-    def __init__(self, stencils: Stencils, springs: Array) -> None:
-        n = stencils.n_contacts
-        self._stencils, self._springs, self._mean = stencils, springs, float(np.mean(springs[:n]))
-        single: Single = (springs / self._mean).astype(np.float32)  # which has no numbers below 1e-38
-        self._product = stencils.hessian(single)
-        self._inverse = Preconditioners(stencils).choose(single, hard=True, product=self._product)
+    def precondition(force: Single) -> Single:
+        return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
-    def follow(self, tension: Array, reduction: float) -> Array:
-        """Return the motions by which balls follow a tension; see :func:`find_linear_response`."""
-        rest = self._pull(tension)
+    motions = []
+    for tension in tensions:
+        rest = pull(tension)
         found, taken, before = np.zeros_like(rest), 0, math.inf
-        left = dot(rest, self._precondition(rest))
+        left, over = dot(rest, precondition(rest)), tension / mean
         # a tension that is in balance except for rounding moves nothing; squares of the smallest ones would vanish
-        aim = max(reduction**2 * left, _NOISE**2 * _square(tension / self._mean))
+        aim = max(reduction**2 * left, _NOISE**2 * dot(over, over))
         while aim < left < _STALLED * before:
             ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
-            change, count, _ = conjugate_gradients(
-                self._multiply, self._precondition, given, ahead, _MOST_ITERATIONS - taken
-            )
+            most = _MOST_ITERATIONS - taken
+            change, count, _ = conjugate_gradients(lambda balls: product(balls)[0], precondition, given, ahead, most)
             found, taken = found + change, taken + count
-            rest = self._pull(tension - self._springs * self._deform(found))
-            before, left = left, dot(rest, self._precondition(rest))
+            rest = pull(tension - springs * deform(found))
+            before, left = left, dot(rest, precondition(rest))
         if left > aim:
             ahead, most = math.sqrt(aim / left), _MOST_ITERATIONS - taken
-            change, count, _ = conjugate_gradients(self._multiply_exactly, self._precondition, rest, ahead, most)
+            change, count, _ = conjugate_gradients(
+                lambda balls: pull(springs * deform(balls)), precondition, rest, ahead, most
+            )
             if count == most:
                 what = f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps"
                 raise ConvergenceError(message(what, mend="Raise the load"))
             found += change
-        return found
-
-    def _pull(self, tension: Array) -> Array:
-        """Return the forces on balls, over the mean stiffness."""
-        return self._stencils.forces(tension) / self._mean
-
-    def _deform(self, balls: Array) -> Array:
-        return self._stencils.deformations(Motion(balls, 0.0))
-
-    def _multiply(self, balls: Single) -> Single:
-        return self._product(balls, None)[0]
-
-    def _multiply_exactly(self, balls: Array) -> Array:
-        return self._pull(self._springs * self._deform(balls))
-
-    def _precondition(self, force: Single) -> Single:
-        return self._inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
+        motions.append(found)
+    return motions
 
 
-def _square(vector: Array) -> float:
-    return dot(vector, vector)
+class ActingForces(NamedTuple):
+    """What the contacts of an array do in a small motion.
+
+    Attributes
+    ----------
+    law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
+    springs : (rows, L1, ..., Lp) stiffnesses of all deformations of the stencils, for preconditioners.
+    forces : (n_c, L1, ..., Lp) normal forces that act; with the sign below zero where they are to hold balls against going
+        aside, and not to push them there.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; n_s is 0 where nothing resists slip.
+    rolling : stiffnesses of contacts against twist and rolls.
+    """
+
+    law: Law
+    springs: Array
+    forces: Array
+    shears: Array
+    rolling: tuple[Any, Any] = (0.0, 0.0)
+
+
+def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
+    """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
+
+    ``stencils`` have the springs against all deformations, as rows. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
+    """
+    shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
+    stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
+    wanted = _is_small(frame) if symmetric else _can_factorise(frame)
+    table = np.array(list(_tabulate(place, acting))) if symmetric else None
+    product = None if table is None else frame.couple(table)
+    matrix = _compose(frame, stiff, _tabulate(place, acting) if table is None else table) if wanted else None
+    inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
+    inverse, most = next(inverses)
+
+    def apply(vector: Array) -> Array:
+        if product is not None:
+            return np.ravel(product(vector.reshape(shape), None)[0])
+        if matrix is not None:
+            return np.asarray(matrix @ vector)
+        motion = Motion(vector.reshape(shape), 0.0)
+        change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
+        return np.ravel(change) + _HOLDING * stiff * vector
+
+    def precondition(vector: Array) -> Array:
+        return np.ravel(inverse(vector.reshape(shape)))
+
+    found = []
+    for pull in pulls:
+        right = np.ravel(pull)
+        if symmetric:
+            floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
+            motion, taken, stable = conjugate_gradients(apply, precondition, right, _RESPONSE, most, floor)
+            done = stable and taken < most
+        else:
+            # where balls hardly differ, what a strain leaves is rounding of the forces that it makes
+            floor, stable = _NOISE * stiff * math.sqrt(right.size), True
+            motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
+            if not done and (better := next(inverses, None)):
+                inverse, most = better
+                motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
+        if not done:
+            why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
+            raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
+        found.append(motion.reshape(shape))
+    return found
+
+
+def _tabulate(place: ExactPlace, acting: ActingForces) -> Iterator[Array]:
+    return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
+
+
+def _offer_inverses(
+    place: ExactPlace, acting: ActingForces, stencils: Stencils, stiff: float, matrix: Any
+) -> Iterator[tuple[Inverse, int]]:
+    """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one.
+
+    Without tangential forces it has to be positive definite. ``stiff`` is the mean normal stiffness of contacts; the
+    ``matrix`` is None where it is not to be factorised.
+    """
+    frame, symmetric = place.geometry.frame, not np.any(acting.shears)
+    if matrix is not None and _is_small(frame) and (factors := _factorise(frame, matrix, symmetric)):
+        yield factors, _MOST_ITERATIONS
+        return
+    whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+    if symmetric:
+        yield whole, _MOST_ITERATIONS
+        return
+    alone = _invert_balls(frame, stiff, _tabulate(place, acting))
+    yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * _KEPT
+    if matrix is not None and (factors := _factorise(frame, matrix)):
+        yield factors, _MOST_ITERATIONS
+
+
+def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, most: int) -> tuple[Array, bool]:
+    from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
+
+    size = right.size, right.size
+    found, failed = gmres(
+        LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, atol=floor,
+        restart=_KEPT, maxiter=most // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+    )  # fmt: skip
+    return found, not failed
+
+
+def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Array:
+    """Return the (n, n) elastic tensor of an array under stress, in Voigt order, in units of stiffness times d^(2 - p).
+
+    It is the change of the Cauchy stress with strain (F. Birch, Phys. Rev. 71, 809, 1947), as
+    :meth:`granphon.dynamics.lattice.ContactLattice.elastic_tensor` has it, of which the symmetric part is kept. The cell is
+    the compressed one. ``stencils`` and errors are those of :func:`find_motions`.
+    """
+    geometry, p = place.geometry, len(stencils.shape)
+    frames, vector = geometry.axes(), place.vector[: len(stencils.shape)]
+    pairs, tail = voigt_pairs(p), (None,) * len(stencils.shape)
+
+    def strain(a: int, b: int) -> Any:
+        """Relative displacements of balls under a unit strain, in the frames of the lattice."""
+        # frames have rows e, t, b: component k of S w is the sum over l of (frame S frame^T)_kl w_l
+        one = 0.5 * (frames[:, :, a, None] * frames[:, None, :, b] + frames[:, :, b, None] * frames[:, None, :, a])
+        moved = [sum(one[(slice(None), k, m, *tail)] * vector[m] for m in range(p)) for k in range(p)]
+        return (*moved, *(0.0,) * (3 - p))
+
+    none = (0.0, 0.0, 0.0)
+    strains = [strain(a, b) for a, b in pairs]
+    every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
+    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
+    # what is left of each strain once the balls have moved, and the forces against it
+    tensor = np.zeros((len(pairs), len(pairs)))
+    rest: list[Any] = []
+    for one, motion in zip(strains, motions, strict=True):
+        moved = tuple(
+            tuple(a - b for a, b in zip(first, second, strict=True))
+            for first, second in zip((one, none, none), geometry.split(Motion(motion, 0.0)), strict=True)
+        )
+        rest.append(moved)
+    for column, (first, second, third) in enumerate(rest):
+        resisted = place.resist(first, second, third, acting.law, acting.forces, acting.shears, acting.rolling)[:3]
+        for row, other in enumerate(rest):
+            terms = (np.sum(a * b) for x, y in zip(resisted, other, strict=True) for a, b in zip(x, y, strict=True))
+            tensor[row, column] = float(sum(terms))
+    eps = geometry.ratio
+    measure = stencils.lattice.measure * math.prod(stencils.shape) * (1.0 - eps * place.overlap) ** p
+    stress = place.stress(np.abs(acting.forces), acting.shears) / measure
+    one = np.eye(p)
+    for row, (i, j) in enumerate(pairs):
+        for column, (k, m) in enumerate(pairs):
+            turned = (
+                stress[i, k] * one[j, m] + stress[i, m] * one[j, k] + stress[j, k] * one[i, m] + stress[j, m] * one[i, k]
+            )
+            spread = stress[i, j] * one[k, m] + stress[k, m] * one[i, j]
+            tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
+    tensor /= measure
+    return np.asarray(0.5 * (tensor + tensor.T))
+
+
+def _is_small(stencils: Stencils) -> bool:
+    """Return whether an array is so small that factors of its matrix cost less than iterations without."""
+    return _can_factorise(stencils, _MOST_AT_ONCE)
+
+
+def _can_factorise(stencils: Stencils, most: Sequence[int] = _MOST_BALLS) -> bool:
+    """Return whether an array has no more balls than ``most``, which is given for a plane and for space."""
+    return math.prod(stencils.shape) * stencils.n_balls <= most[len(stencils.shape) - 2]
+
+
+def _compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
+    """Return the whole matrix, sparse, with what holds motions that nothing holds; fields are one after the other.
+
+    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
+    ``stiffness`` is the mean one of contacts.
+    """
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
+
+    i, j = frame.ends_of_rows()
+    number = np.arange(j.size)
+    head, tail = frame.coefficients
+    c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
+    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
+    of_contact = number.reshape(1, len(columns), -1)
+    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
+    return (c.T.tocsr() @ (d @ c) + _HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
+
+
+def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
+    """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``.
+
+    If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are not all above zero.
+    """
+    factors = sparse_matrices.factorise(matrix, pivot=0.0 if symmetric else 0.1)
+    if symmetric and not (np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)):
+        return None
+
+    return lambda force: frame.centre(np.asarray(factors.solve(frame.centre(force).ravel())).reshape(force.shape))
+
+
+def _invert_balls(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
+    """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`_compose`."""
+    count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
+    head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
+    blocks = np.zeros((count, count, frame.n_balls, *frame.shape))
+    for row, forces in enumerate(tables):
+        for kind, (shift, (i, j)) in enumerate(zip(frame.shifts, frame.ends, strict=True)):
+            for end, rows, step in ((i, tail[:, kind, i], (0,) * len(shift)), (j, head[:, kind, j], shift)):
+                found = np.roll(np.tensordot(rows, forces[:, kind], (0, 0)), step, axes)
+                blocks[:, :, end] += found[:, None] * rows[row].reshape(-1, *(1,) * len(shift))
+    by_ball = np.moveaxis(blocks.reshape(count, count, -1), 2, 0)
+    inverse = np.linalg.inv(by_ball + _HOLDING * stiffness * np.eye(count))
+
+    def apply(force: Array) -> Array:
+        forces = force.reshape(frame.n_balls, count, -1).swapaxes(1, 2).reshape(-1, count, 1)
+        return (inverse @ forces).reshape(frame.n_balls, -1, count).swapaxes(1, 2).reshape(force.shape)
+
+    return apply

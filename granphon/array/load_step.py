@@ -1,6 +1,10 @@
 """One step of a loading history: Newton's method for the balance of forces and torques under the law of the contacts.
 
-The linear equations (:mod:`granphon.array.linear_step`) are solved no more accurately than the step needs.
+The linear equations of a step of Newton's method are solved no more accurately than it needs. The tangent C^T D C is not
+symmetric where contacts slide, or where the shear stiffness changes with the overlap: GMRES solves for it, in single
+precision. The preconditioner moves each ball as if its neighbours were held, and then all by Green's function of the lattice
+under what that leaves. Balls that hold each other while nothing else holds them are found by what GMRES leaves on them, and
+are then moved together (:class:`~granphon.array.preconditioners.Patches`).
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method would turn it without limit.
 Such balls are turned by themselves after the step, to where their torques vanish while all others are held: the torque is a
@@ -10,21 +14,24 @@ piecewise linear function of the angle.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.geometry import Geometry, Place, find_lack
-from granphon.array.linear_step import LinearSteps
-from granphon.array.patches import Patches
-from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial
+from granphon.array.contact_operator import ContactHessian
+from granphon.array.friction import Contacts, FrictionLaw, PressedArray, Tangent
+from granphon.array.geometry import Geometry, Inverse, Place, Product, ReducedLoad, find_lack, multiply
+from granphon.array.krylov import Single, solve_by_minimal_residuals
+from granphon.array.preconditioners import Patches, Put
+from granphon.array.sparse_matrices import Indices
 from granphon.array.stencils import Motion, Stencils, dot
-from granphon.array.steps import ReducedLoad
 
 Array = NDArray[np.float64]
+#: largest force, or torque over the diameter, left on a ball, over the mean normal force
+BALANCE_TOLERANCE = 1e-9
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
 #: Newton steps before a step of the load is halved, at most
@@ -74,6 +81,10 @@ _FALLEN = 1e-6
 _FARTHEST = 0.2
 #: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
 _LOOSE = 1e-2
+#: GMRES iterations, at most
+_MOST_ITERATIONS = 300
+#: GMRES iterations after which weakly held balls are looked for
+_FEW = 15
 
 
 class FixedLimitSettings(NamedTuple):
@@ -99,10 +110,40 @@ class FixedLimitSettings(NamedTuple):
 FAST_LIMITS, SLOW_LIMITS = FixedLimitSettings(30, 600, 1e-2, 1), FixedLimitSettings(80, 900, 1e-4, 8)
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms.
+
+    ``linearise`` finds the tangent of the law, which few trials need.
+    """
+
+    place: Place
+    balls: Array
+    overlap: float
+    contacts: Contacts
+    linearise: Callable[[], Tangent]
+    pull: Array
+    push: float
+    left: float
+    missed: float
+    size: float
+    newton: int = 0
+    krylov: int = 0
+
+    @property
+    def tangent(self) -> Tangent:
+        """Derivatives of the contacts' forces; the law keeps them once they are found."""
+        return self.linearise()
+
+    def follow(self, other: Trial) -> Trial:
+        """Return another trial that has taken the steps of this one."""
+        return replace(other, newton=self.newton, krylov=self.krylov)
+
+
 class LoadStep:
     """A step of the load, from the state ``here``, at its ``place``, to the balance of forces and torques under ``load``.
 
-    ``drag`` is the stiffness of dashpots between neighbours, see :mod:`granphon.array.dashpots`.
+    ``drag`` is the stiffness of dashpots between neighbours, see :mod:`granphon.array.stepper`.
     """
 
     def __init__(
@@ -357,3 +398,76 @@ def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:
     crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
     part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
     return np.where(crosses, low + part * (high - low), 0.0)
+
+
+class LinearSteps:
+    """Solver of the equations of steps that follow each other; it keeps the patch of weakly held balls.
+
+    ``damped`` arrays have dashpots: few of their balls touch.
+    """
+
+    def __init__(self, patches: Patches, damped: bool) -> None:
+        self._stencils, self._patches, self._damped = patches.stencils, patches, damped
+        self._weak: Indices = np.empty(0, np.intp)
+        self._put: Put | None = None
+
+    def solve(
+        self, product: Product, tangent: Tangent, pull: Array, push: float | None, reduction: float
+    ) -> tuple[Motion, int]:
+        """Return the motion that takes all but the part ``reduction`` of a ``pull`` away, and the number of iterations.
+
+        The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry. Without a ``push``, the force
+        that the contacts lack in sum, the overlap stays as it is.
+        """
+        # the product of the lattice serves as it is in the true geometry too, where its own takes longer
+        near = product if isinstance(product, ContactHessian) else multiply(self._stencils, tangent)
+        size, inverse = pull.size, self.invert(tangent, near)
+        held = np.float32(1.0 / tangent.stiffness.size)
+
+        def apply(vector: Single) -> Single:
+            change, force = product(vector[:size].reshape(pull.shape), None if push is None else float(vector[size]))
+            return np.ravel(change) if push is None else np.append(change, np.float32(force))
+
+        def precondition(vector: Single) -> Single:
+            balls = inverse(vector[:size].reshape(pull.shape)).astype(np.float32, copy=False)
+            return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
+
+        right = np.ravel(pull) if push is None else np.append(pull, push)
+        found, rest, taken, most, renewed = np.zeros_like(right), right, 0, _FEW, False
+        goal = left = reduction * math.sqrt(dot(right, right))
+        while taken < _MOST_ITERATIONS and (left := math.sqrt(dot(rest, rest))) > goal:
+            change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
+            found += change
+            taken += count
+            if count < most:
+                break
+            rest = right - apply(found.astype(np.float32))
+            weak = self._patches.join(self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape)))
+            if weak.size == self._weak.size and (renewed or not weak.size):  # the patch has no more to give
+                most = _MOST_ITERATIONS - taken
+            else:
+                self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
+        return Motion(found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])), taken
+
+    def invert(self, tangent: Tangent, product: Product) -> Inverse:
+        """Return an approximate inverse of C^T D C, of which ``product`` is the product.
+
+        The patch may be that of a tangent before: it is made anew only when it does not serve any more.
+        """
+        stencils = self._stencils
+        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
+        springs: Single = stiffnesses.astype(np.float32)
+        smooth = stencils.block_jacobi(springs)
+        green = stencils.green_preconditioner(springs.dtype, float(np.mean(springs[: stencils.n_contacts])))
+
+        def apply(force: Single) -> Single:
+            motion = np.zeros_like(force)
+            smooth(force, motion)
+            if self._put is not None:
+                self._put(force, motion)
+            # where few balls touch, Green's function would pass on what each ball's own motion leaves too far
+            moved = green(force if self._damped else force - product(motion, None)[0])
+            moved += motion
+            return moved
+
+        return apply

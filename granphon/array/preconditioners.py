@@ -4,20 +4,28 @@ Where most contacts are closed, the lattice's Green's function serves: an iterat
 needed. Near the rigidity threshold half of the contacts are open, without order, and Green's function knows nothing of them.
 There the matrix of the closed contacts is factorised (sparse LU, in single precision, which is enough for an approximation).
 It has few entries; in a plane its factors have few too. They serve for all systems whose stiffnesses are not very different.
+
+With friction there are patches: few balls that move while all others are held. Newton's method takes long where few balls
+hold each other but nothing else holds them. The lattice's Green's function does not know of them, and the inverse of a
+single ball takes its neighbours to be fixed. What GMRES leaves after some iterations sits on such balls and tells where they
+are. An inverse of their own matrix, neighbours included, then takes the place of those of single balls. Patches that do not
+touch are inverted together: one is a block of the matrix.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
-from granphon.array.sparse_matrices import compose, factorise
-from granphon.array.stencils import Stencils
+from granphon.array.friction import Tangent
+from granphon.array.sparse_matrices import STIFF, Indices, compose, factorise, factorise_contacts
+from granphon.array.stencils import Stencils, number_cells
 
 Array = NDArray[np.float64]
 Inverse = Callable[[Array], Array]
@@ -26,18 +34,27 @@ Inverse = Callable[[Array], Array]
 MOST_BALLS = (2**20, 2**18, 2**12)
 #: fraction of contacts that are stiff, above which Green's function is kept, for lattices with 1, 2, 3 periods
 _MOST_STIFF = (0.65, 0.65, 0.42)
-#: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
-_STIFF = 1e-3
-#: stiffness, over the mean, that holds balls which nothing else holds
-_LEAST_DIAGONAL = 1e-5
-#: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
-_HOLDING = 1e-5
 #: iterations with Green's function that cost as much as a factorisation, measured in planes of 64 x 64 to 128 x 128 balls
 _PATIENCE = 150
 #: cost of an iteration with factors, in iterations with Green's function, measured in the same planes
 _SOLUTION = 3
 #: iterations of a system, beyond those of the first with the same factors, from which these are made anew for the next
 _STALE = 30
+#: puts the motions of some balls under a force into an array of motions
+Put = Callable[[Array, Array], None]
+#: part of the square of a residual that the balls hold which are added to a patch
+_HELD = 0.9
+#: balls that are added to a patch at a time, at most, as a part of the array
+_MOST_PART = 1.0 / 32.0
+#: the same as a number, where that is more
+_MOST = 48
+#: part of the array from which a patch is the whole array, if that is not too large
+_WHOLE = 0.4
+#: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods: factors of more cost more than
+#: the iterations that they save
+_LARGEST = (2**16, 12_288, 768)
+#: stiffness that holds balls which nothing holds, over the mean stiffness
+_HOLDING = 1e-5
 
 
 class Preconditioners:
@@ -86,7 +103,7 @@ class Preconditioners:
 
     def _may_factorise(self, stiffness: Array) -> bool:
         normal = stiffness[: self._stencils.n_contacts]
-        return self.are_small and float(np.mean(normal > _STIFF * np.mean(normal))) <= self._most_stiff
+        return self.are_small and float(np.mean(normal > STIFF * np.mean(normal))) <= self._most_stiff
 
     def _factorise(self, stiffness: Array) -> Inverse:
         i, j = self._stencils.ends_of_rows()
@@ -94,53 +111,103 @@ class Preconditioners:
         return factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
 
 
-def compose_rows(
-    i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, kind: NDArray[np.intp], contact: NDArray[np.intp]
-) -> Any:
-    """Return C as a sparse matrix, with a row for each deformation ``kind`` of a ``contact``.
+class Patches:
+    """Table of the contacts of each ball, with the rows of C, from which patches are cut."""
 
-    Other arguments are those of :func:`factorise_contacts`; columns are (fields, balls).
-    """
-    fields, balls, parts = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
-    for ends, row in ((j, head), (i, -tail)):
-        for field in range(fields):
-            here = np.flatnonzero(row[kind, field])
-            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
-    return compose(parts, (kind.size, fields * balls))
+    def __init__(self, stencils: Stencils) -> None:
+        self.stencils = stencils
+        self._fields, self._cells = stencils.motions.count, math.prod(stencils.shape)
+        self._balls = stencils.n_balls * self._cells
+        self._largest = _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts
 
+    @cached_property
+    def _ends(self) -> Indices:
+        """(2, contacts) balls j and i of each contact."""
+        i, j = (self._cells * ball[:, None] for ball in np.transpose(self.stencils.ends))
+        far = number_cells(self.stencils.shape, self.stencils.shifts)
+        return np.array([j + far, i + np.arange(self._cells)]).reshape(2, -1)
 
-def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, stiffness: Array) -> Inverse:
-    """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
+    @cached_property
+    def _by_ball(self) -> tuple[Indices, Indices]:
+        """Contacts of one ball after the other, and the places where those of each begin."""
+        order = np.argsort(self._ends, axis=None, kind="stable")
+        return order % self._ends.shape[1], np.searchsorted(self._ends.ravel()[order], np.arange(self._balls + 1))
 
-    The deformation c of kind k is ``head[k].x_j - tail[k].x_i``, x being the motions of balls i[k, c] and j[k, c], or of
-    cells of several balls. The inverse takes forces (n, ...) and returns motions (n, ...); the other axes together count the
-    balls. It is symmetric but for rounding, and positive definite.
+    @cached_property
+    def _rows(self) -> Array:
+        """(2, kinds, rows, fields) coefficients of the motions of balls j, and less those of balls i."""
+        kinds, (head, tail) = self.stencils.n_contacts, self.stencils.coefficients
+        both = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
+        kind, (i, j) = np.arange(kinds), np.transpose(self.stencils.ends)
+        return np.array([both[0][:, kind, j], both[1][:, kind, i]]).swapaxes(1, 2)
 
-    Parameters
-    ----------
-    i, j : (kinds, contacts) balls of each contact.
-    head, tail : (kinds, n) rows of C.
-    stiffness : (kinds, contacts), not negative.
-    """
-    from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
+    def find_worst(self, forces: Array) -> Indices:
+        """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1, ..., Lp) are left."""
+        by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
+        squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
+        near = 1 + self._ends.size // self._balls  # a ball and its neighbours
+        most = min(max(_MOST, int(_MOST_PART * self._balls)), max(1, self._largest // near), self._balls)
+        worst = np.argsort(-squares, kind="stable")[:most]
+        sums = np.cumsum(squares[worst])
+        worst = worst[: int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1]
+        return np.unique(self._ends[:, self._find_contacts(worst)])
 
-    fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
-    stiff = stiffness > _STIFF * mean
-    kind, contact = np.nonzero(stiff)
-    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, balls), _LEAST_DIAGONAL * mean)
-    for ends, row in ((j, head), (i, -tail)):
-        for field in range(fields):
-            diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
-    c = compose_rows(i, j, head, tail, kind, contact)
-    matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
-    scale = 1.0 / np.sqrt(matrix.diagonal())
-    matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)
-    factors = factorise(matrix, approximate=True)
+    def join(self, balls: Indices, more: Indices) -> Indices:
+        """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if it would be too large."""
+        joined = np.union1d(balls, more)
+        if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
+            return np.arange(self._balls)
+        return joined if joined.size <= self._largest else balls
 
-    def apply(force: Array) -> Array:
-        scaled = scale * force.ravel()
-        largest = float(np.max(np.abs(scaled))) or 1.0  # single precision has no numbers below 1e-38
-        found = scale * factors.solve((scaled / largest).astype(np.float32)) * largest
-        return np.asarray(found.reshape(force.shape))
+    def _find_contacts(self, balls: Indices) -> Indices:
+        contacts, first = self._by_ball
+        counts = first[balls + 1] - first[balls]
+        starts = np.repeat(first[balls] - np.cumsum(counts) + counts, counts)
+        return np.unique(contacts[starts + np.arange(starts.size)])
 
-    return apply
+    def invert(self, balls: Indices, tangent: Tangent) -> Put | None:
+        """Return what puts the motions of balls under a force into an array of motions; None if there is no inverse.
+
+        The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
+        """
+        from scipy.sparse import eye_array  # imported here: most simulations do not need it
+
+        contacts = self._find_contacts(balls)
+        place, n = np.full(self._balls, -1), contacts.size
+        place[balls] = np.arange(balls.size)
+        c = self._cut(contacts, place, balls.size)
+        stiffness, springs, coupling, cross = (
+            one.reshape(-1, tangent.stiffness.size)[:, contacts]
+            for one in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
+        )
+        elongation = np.arange(n)
+        slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
+        entries = [(elongation, elongation, stiffness[0]), *zip(slips, slips, springs, strict=True)]
+        entries += [(slip, elongation, -one) for one, slip in zip(coupling, slips, strict=True)]
+        entries += [(*pair, -one) for one in cross for pair in (slips, slips[::-1])]
+        d = compose(entries, (c.shape[0], c.shape[0]))
+        matrix = c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")
+        try:
+            factors = factorise(matrix, approximate=True)  # the matrix is nearly symmetric
+        except RuntimeError:  # singular to the last digit
+            return None
+        at = balls // self._cells, slice(None), balls % self._cells
+        shape = self.stencils.n_balls, self._fields, self._cells
+
+        def put(force: Array, motion: Array) -> None:
+            found = factors.solve(force.reshape(shape)[at].ravel())
+            motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
+
+        return put
+
+    def _cut(self, contacts: Indices, place: Indices, size: int) -> Any:
+        """Return C of some contacts and of the balls that have a ``place`` among ``size``, field after field of each."""
+        n, parts = contacts.size, []
+        shape = (self._rows.shape[2], self._fields)
+        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
+            inside = np.flatnonzero(ends >= 0)
+            values = coefficients[contacts[inside] // self._cells]
+            row = (inside[:, None] + n * np.arange(shape[0]))[..., None]
+            column = (self._fields * ends[inside, None] + np.arange(shape[1]))[:, None]
+            parts.append((row, column, values))
+        return compose(parts, (shape[0] * n, self._fields * size))

@@ -22,15 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.friction import SLIDES, Contacts, FrictionLaw
-from granphon.array.geometry import find_boundary_force
+from granphon.array.friction import SLIDES, Contacts, FrictionLaw, PressedArray
+from granphon.array.geometry import ExactGeometry, ExactPlace, ReducedLoad, find_boundary_force
 from granphon.array.history import LoadingHistory
-from granphon.array.pressing import PressedArray
 from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import find_exact_elasticity
-from granphon.array.true_geometry import ExactGeometry, ExactPlace
 from granphon.balls.hertz import reduce_by_slip
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
@@ -161,7 +158,8 @@ class PressedEquilibrium(Equilibrium):
         """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of :meth:`shear_ratios`.
 
         Other arguments, units and errors are those of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In
-        the true geometry it is that of :func:`~granphon.array.true_response.find_elastic_tensor`, under the forces that act.
+        the true geometry it is that of :func:`~granphon.array.linear_response.find_elastic_tensor`, under the forces that
+        act.
         """
         if not self.ratio:
             return super().find_elasticity(shear, torsion, bending)

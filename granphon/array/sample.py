@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
-from granphon.array.steps import ReducedLoad
+from granphon.array.geometry import ExactPlace, ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
-from granphon.array.true_geometry import ExactPlace
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing

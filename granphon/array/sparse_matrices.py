@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+#: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
+STIFF = 1e-3
+#: stiffness, over the mean, that holds balls which nothing else holds
+_LEAST_DIAGONAL = 1e-5
+#: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
+_HOLDING = 1e-5
 
 
 def compose(parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tuple[int, int]) -> csr_array[Any]:
@@ -42,3 +51,53 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0) -> Any
     options["Equil"] = False
     single = matrix.tocsc().astype(np.float32)
     return splu(single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options)
+
+
+def compose_rows(i: Indices, j: Indices, head: Array, tail: Array, kind: Indices, contact: Indices) -> Any:
+    """Return C as a sparse matrix, with a row for each deformation ``kind`` of a ``contact``.
+
+    Other arguments are those of :func:`factorise_contacts`; columns are (fields, balls).
+    """
+    fields, balls, parts = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
+    for ends, row in ((j, head), (i, -tail)):
+        for field in range(fields):
+            here = np.flatnonzero(row[kind, field])
+            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
+    return compose(parts, (kind.size, fields * balls))
+
+
+def factorise_contacts(i: Indices, j: Indices, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:
+    """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
+
+    The deformation c of kind k is ``head[k].x_j - tail[k].x_i``, x being the motions of balls i[k, c] and j[k, c], or of
+    cells of several balls. The inverse takes forces (n, ...) and returns motions (n, ...); the other axes together count the
+    balls. It is symmetric but for rounding, and positive definite.
+
+    Parameters
+    ----------
+    i, j : (kinds, contacts) balls of each contact.
+    head, tail : (kinds, n) rows of C.
+    stiffness : (kinds, contacts), not negative.
+    """
+    from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
+
+    fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
+    stiff = stiffness > STIFF * mean
+    kind, contact = np.nonzero(stiff)
+    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, balls), _LEAST_DIAGONAL * mean)
+    for ends, row in ((j, head), (i, -tail)):
+        for field in range(fields):
+            diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
+    c = compose_rows(i, j, head, tail, kind, contact)
+    matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)
+    factors = factorise(matrix, approximate=True)
+
+    def apply(force: Array) -> Array:
+        scaled = scale * force.ravel()
+        largest = float(np.max(np.abs(scaled))) or 1.0  # single precision has no numbers below 1e-38
+        found = scale * factors.solve((scaled / largest).astype(np.float32)) * largest
+        return np.asarray(found.reshape(force.shape))
+
+    return apply

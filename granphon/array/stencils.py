@@ -14,13 +14,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import combinations, combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.block_jacobi import invert_blocks
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.array.green import green_function, green_inverse
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -285,9 +284,24 @@ class Stencils:
         """
         least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
-        local = list(zip(self._groups, invert_blocks(self.operator, self._groups, stiffness, least * ratios), strict=True))
-        for _, block in local:
+        # the upper triangles of all blocks, row after row: sums over the contacts of a ball
+        pairs = [list(combinations_with_replacement(range(group.start, group.stop), 2)) for group in self._groups]
+        first_of, second_of = np.array([pair for own in pairs for pair in own]).T
+        ends = np.array([self.operator.head, self.operator.tail])
+        squares = ends[..., first_of] * ends[..., second_of]
+        # inverted in double precision: where few contacts hold a ball, its block is nearly singular
+        entries = self.operator.collect(np.concatenate(squares).T, [stiffness]).astype(float)
+        entries += np.einsum("r,erp->p", least * ratios, squares).reshape(-1, *(1,) * len(self.shape))
+        local = []
+        parts = np.split(entries, np.cumsum([len(own) for own in pairs])[:-1])
+        for group, own, part in zip(self._groups, pairs, parts, strict=True):
+            size = group.stop - group.start
+            _invert_symmetric(part, size)
+            block = np.empty((size, size, *self.shape), stiffness.dtype)
+            for entry, (a, b) in zip(part, own, strict=True):
+                block[a - group.start, b - group.start] = block[b - group.start, a - group.start] = entry
             block *= damping
+            local.append((group, block))
         blocks = list(self._blocks())
 
         def add(force: Array, out: Array) -> None:
@@ -325,7 +339,8 @@ def _find_basis(normal: Array) -> Array:
     """Return the first normals of contacts (n_c, p) that are independent, as the rows of a (p, p) matrix."""
     chosen: list[Array] = []
     for vector in normal:
-        rest = vector - sum((unit @ vector * unit for unit in _orthonormal(chosen)), np.zeros_like(vector))
+        units: Any = np.linalg.qr(np.array(chosen).T)[0].T if chosen else []
+        rest = vector - sum((unit @ vector * unit for unit in units), np.zeros_like(vector))
         if len(chosen) < len(vector) and np.linalg.norm(rest) > _INDEPENDENT:
             chosen.append(vector)
     return np.array(chosen)
@@ -355,11 +370,25 @@ def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArr
     return np.stack([np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts])
 
 
-def _orthonormal(vectors: list[Array]) -> list[Array]:
-    return list(np.linalg.qr(np.array(vectors).T)[0].T) if vectors else []
-
-
 def _round_coefficients(coefficients: Array) -> Array:
     """Round coefficients that differ from whole numbers by rounding only."""
     near = np.rint(coefficients)
     return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)
+
+
+def _invert_symmetric(entries: Array, size: int) -> None:
+    """Invert symmetric matrices of one to three rows in place; ``entries`` are the upper triangle, row after row."""
+    if size == 1:
+        entries[0] = 1.0 / entries[0]
+    elif size == 2:
+        xx, xy, yy = entries
+        one_over = 1.0 / (xx * yy - xy * xy)
+        entries[0], entries[2] = yy * one_over, xx * one_over
+        xy *= -one_over
+    else:
+        xx, xy, xz, yy, yz, zz = entries
+        first, second, third = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        one_over = 1.0 / (xx * first + xy * second + xz * third)
+        inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+        for entry, value in zip(entries, inverse, strict=True):
+            entry[...] = value * one_over

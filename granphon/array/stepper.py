@@ -6,25 +6,51 @@ in two halves.
 
 The work of the load is what the contacts store and lose. Where dashpots act, it is found as the integral of f* dy for each
 contact, and they take the rest. Between two states f* is then taken from the parabola through them and the one before.
+
+Where a ball loses what held it, there is no equilibrium near the one before, and Newton's method does not find the next one.
+A real ball falls, and what damps it brings it to rest. Here dashpots do: in a step they resist what balls move against each
+other, with ``drag`` times the displacement over the step (in units of c W^(1/2)); slips meet eta times as much. So a step
+with weaker dashpots is one of a longer time. They are weakened from step to step under the same load, until the array is in
+balance without them. While balls fall, and too long a step finds no balance, they are made stronger again.
+
+Dashpots take what the load gives and contacts neither store nor lose, and no less than they would if balls moved evenly
+through the step: where balls hardly move, the error of the work of the load is larger.
+
+A loading history may begin at the gas: balls apart on their sites, pressed with friction until they stand. Where too few
+balls touch, nothing holds them, and no equilibrium is unique. A real array then comes to rest by what damps it, and so does
+this one: in each step of the load, dashpots resist what neighbours move against each other. Balls that nothing pushes stay
+where they are. The overlap grows by :data:`STEP` at a time from the first contact on. When the mean force has come to
+:data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come to rest or give way, in steps of time
+that grow: dashpots are weakened from step to step. When they bear next to nothing they are taken away. If the array then
+bears at least half of this force, in balance, it stands, and its history begins there; if it gives way before, or is not at
+rest after many steps, it is pressed on.
+
+In the true geometry contacts push balls aside, with W/d of their force. In space, where too few contacts resist, as in sc of
+which half are open, an array gives way however slowly it is let go. Dashpots are there not weakened below several times that
+stiffness: if balls move faster from one step to the next, the array gives way.
+
+What the load gives and contacts neither store nor lose, dashpots take; it counts as lost.
+
+The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
+arrays; the tests state it.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import THRESHOLD_FORCE
-from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.geometry import Geometry, Place, find_boundary_force
-from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, FixedLimitSettings, LoadStep, is_balanced
-from granphon.array.patches import Patches
-from granphon.array.pressing import PressedArray, Trial, continue_polynomial, integrate_last
-from granphon.array.steps import ReducedLoad
+from granphon.array.friction import Contacts, FrictionLaw, PressedArray
+from granphon.array.geometry import Geometry, Place, ReducedLoad, find_boundary_force
+from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, FixedLimitSettings, LoadStep, Trial, is_balanced
+from granphon.array.preconditioners import Patches
+from granphon.array.stencils import dot
 from granphon.base.errors import ConvergenceError, InputError, message
 
 Array = NDArray[np.float64]
@@ -34,6 +60,33 @@ MOST_HALVINGS = 12
 _LAG_HALVINGS = 6
 #: number of steps without a balance after which a load is given up
 _MOST_FAILED = 40
+#: largest step of the load, over the one before, across which a polynomial is continued
+_FARTHEST = 4.0
+#: stiffness of dashpots within a step, at first
+DRAG = 1e-2
+#: factor by which dashpots are weakened from one step to the next
+WEAKER = 0.3
+#: largest number of steps with dashpots, those that find no balance included
+_MOST_DAMPED_STEPS = 60
+#: number of steps, after each of which forces on dashpots have become smaller, after which it is tried to do without
+_CALM = 3
+#: name of this start
+GAS = "gas"
+#: change of the overlap in a step
+STEP = 0.0125
+#: mean force at which an array that has been a gas has to stand
+STANDING_FORCE = 2e-2
+#: largest number of steps at held overlap
+_MOST_SETTLINGS = 30
+#: largest force of a dashpot, over the mean force, with which they are taken away
+_NEXT_TO_NOTHING = 1e-3
+#: largest motion in a step with the weakest dashpots with which they are taken away there, in W
+_STILL = 1e-3
+#: weakest dashpots in the true geometry of space, over W/d times the mean force: contacts push balls aside with about that
+#: stiffness
+_ABOVE_PUSH = 10.0
+#: largest overlap at which an array of different balls is still a gas
+_MOST_OVERLAP = 2.0
 
 
 def find_aim(load: ReducedLoad) -> float:
@@ -76,14 +129,11 @@ class Stepper:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(
-        self, trail: Sequence[PressedArray], load: ReducedLoad,
-        relax_overdamped: Callable[[Sequence[PressedArray], ReducedLoad], PressedArray | None] | None = None,
-    ) -> PressedArray:  # fmt: skip
+    def step(self, trail: Sequence[PressedArray], load: ReducedLoad, relaxes: bool = False) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
-        Where Newton's method fails, the state that ``relax_overdamped`` finds is taken. If there is none, the load is
-        reached in two steps or more.
+        Where Newton's method fails, the state to which balls slowed by dashpots come is taken if it ``relaxes``. If there is
+        none, the load is reached in two steps or more.
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
@@ -92,11 +142,11 @@ class Stepper:
             here = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
             patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
-            lags = None if relax_overdamped and 0 < halvings < _LAG_HALVINGS else patience
+            lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
             trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
             if is_balanced(trial):
                 trail = [*trail[-2:], self._damp(trail, trial) if self.drag else self._arrive(here, trial)]
-            elif relax_overdamped and trial.left < math.inf and (at_rest := relax_overdamped(trail, ahead[-1])) is not None:
+            elif relaxes and trial.left < math.inf and (at_rest := self.relax_overdamped(trail, ahead[-1])) is not None:
                 trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
                 last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
@@ -121,6 +171,31 @@ class Stepper:
         """
         trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
         return self._damp(trail, trial) if is_balanced(trial) else None
+
+    def relax_overdamped(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray | None:
+        """Return the state in which balls come to rest under a load, from the last of the ``trail``; None if not found."""
+        drag, too_weak, push, calm = DRAG, 0.0, math.inf, 0
+        for _ in range(_MOST_DAMPED_STEPS):
+            here, after = trail[-1], self.settle(trail, load, drag)
+            if after is None:
+                if calm or drag >= DRAG:  # balls do not fall: shorter steps of the load help
+                    return None
+                too_weak, drag = drag, drag / WEAKER
+                continue
+            # dashpots take at least the energy that they take if balls move evenly through the step
+            loss = here.contacts.overlaps - after.contacts.overlaps + after.overlap - here.overlap
+            slips = after.contacts.slips - here.contacts.slips
+            evenly = drag * (dot(loss, loss) + after.law.mindlin_ratio * dot(slips, slips)) / loss.size
+            trail = [replace(after, damped=max(after.damped, here.damped + evenly))]
+            before, push = push, drag * after.measure_motion(here)
+            calm = calm + 1 if push <= before else 0
+            if calm:
+                too_weak = 0.0
+                if calm % _CALM == 0 and (at_rest := self.settle(trail, load, 0.0)) is not None:
+                    return replace(at_rest, damped=max(at_rest.damped, trail[-1].damped))
+            if WEAKER * drag > too_weak:
+                drag *= WEAKER
+        return None
 
     def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
         return LoadStep(self.geometry, self.law, here, self.locate(here), load, self._patches, drag)
@@ -181,3 +256,96 @@ class Stepper:
         presses = [self.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
         rest = integrate_last([one.overlap for one in states], presses) - (state.work - trail[-1].work)
         return replace(state, work=state.work + rest, damped=state.damped + rest)
+
+    # -- from the gas -------------------------------------------------------------------------------------------------------
+
+    def press_gas(self, contact: float) -> PressedArray:
+        """Return the first state that stands with friction, from balls on their sites at the overlap ``contact``.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two widths, or if balls that
+        dashpots slow down do not come into balance.
+        """
+        stencils = self.geometry.stencils
+        here = self.place(np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact)
+        damped = replace(self, drag=DRAG)
+        while here.overlap < _MOST_OVERLAP:
+            try:
+                here = damped.step([here], ReducedLoad(overlap=here.overlap + STEP))
+            except ConvergenceError as error:
+                what = f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths"
+                why, mend = "Too few contacts hold them", "Take another seed, or another friction coefficient"
+                if self.geometry.ratio:
+                    why = "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
+                    mend = 'Take the geometry "lattice"'
+                raise ConvergenceError(message(what, why, mend)) from error
+            if here.force >= STANDING_FORCE:
+                at_rest = damped._come_to_rest(here)
+                if at_rest is not None:
+                    return at_rest
+        raise ConvergenceError(
+            message(
+                f"the balls still do not stand at an overlap of {here.overlap:.3g} widths",
+                "Friction does not hold what the lattice leaves loose",
+                "Raise the friction coefficient",
+            )
+        )
+
+    def _come_to_rest(self, here: PressedArray) -> PressedArray | None:
+        """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
+        load, drag, ratio, moved = ReducedLoad(overlap=here.overlap), self.drag, self.geometry.ratio, 0.0
+        pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
+        weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
+        for _ in range(_MOST_SETTLINGS):
+            stronger, slower, drag = drag, moved, max(WEAKER * drag, weakest)
+            after = self.settle([here], load, drag, FAST_LIMITS)
+            if after is None or after.force < 0.5 * STANDING_FORCE:
+                return None
+            here, moved = after, after.measure_motion(here)
+            if drag == stronger and moved > slower:
+                return None
+            if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
+                at_rest = self.settle([here], load, 0.0, FAST_LIMITS)
+                return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
+        return None
+
+
+def continue_polynomial(loads: Sequence[float], load: float) -> list[float]:
+    """Return weights of the states at the last ``loads``, at most three of them, for the state at the next ``load``.
+
+    There is one for each of the last states that are used. After a turn of the path only the last state is.
+    """
+    steps = np.diff([*loads[-3:], load])
+    count = 1
+    for step in steps[-2::-1]:
+        if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
+            break
+        count += 1
+    return weigh_states(loads[-count:], load)
+
+
+def goes_on(loads: Sequence[float]) -> bool:
+    """Return whether the last of three ``loads`` continues the way of the first two, by a step of similar length."""
+    steps = np.diff(loads)
+    return len(loads) == 3 and bool(steps[0] * steps[1] > 0.0 and 1.0 / _FARTHEST <= steps[1] / steps[0] <= _FARTHEST)
+
+
+def weigh_states(loads: Sequence[float], load: float) -> list[float]:
+    """Return the weights of the states at ``loads`` in Lagrange's polynomial, at another load."""
+    weights = []
+    for one in loads:
+        others = [other for other in loads if other != one]
+        weights.append(float(np.prod([(load - other) / (one - other) for other in others])))
+    return weights
+
+
+def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
+    """Return the integral of a function between the last two of two or three ``loads``, of which ``values`` are known.
+
+    It is that of the parabola through three values; after a turn of the path, that of the straight line through two.
+    """
+    *_, (start, first), (end, last) = zip(loads, values, strict=True)
+    straight = 0.5 * (first + last) * (end - start)
+    if not goes_on(loads):
+        return straight
+    bend = ((last - first) / (end - start) - (first - values[0]) / (start - loads[0])) / (end - loads[0])
+    return straight - bend * (end - start) ** 3 / 6.0

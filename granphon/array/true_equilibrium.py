@@ -1,6 +1,6 @@
 """Mechanical equilibrium without friction of an array in its true geometry.
 
-The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of :mod:`granphon.array.true_geometry`. Away
+The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of :mod:`granphon.array.geometry`. Away
 from the limit of small spread it is no longer convex: a contact that carries a force f pushes the balls aside, with the
 stiffness -f W/d. On the lattice a ball between two others in line may stay there. In truth it moves out until it touches a
 third, which then carries a force of the order f W/d. From the equilibrium on the lattice loose balls are led there apart
@@ -22,15 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.cages import Cages
-from granphon.array.conjugate_gradients import conjugate_gradients
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
-from granphon.array.geometry import Inverse, find_boundary_force, find_lack
+from granphon.array.geometry import ExactGeometry, ExactPlace, Inverse, ReducedLoad, find_boundary_force, find_lack
 from granphon.array.interior import approach
+from granphon.array.krylov import conjugate_gradients
+from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
-from granphon.array.steps import ReducedLoad
-from granphon.array.true_geometry import ExactGeometry, ExactPlace
-from granphon.array.true_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.base.errors import ConvergenceError, InputError, message
 
 Array = NDArray[np.float64]
@@ -171,7 +169,7 @@ class TrueEquilibrium(Equilibrium):
         """Return the (n, n) elastic tensor with springs at every contact that carries load, ``shear`` (eta) being a number.
 
         Prestress is included; see :meth:`granphon.array.equilibrium.Equilibrium.find_elasticity` and
-        :func:`~granphon.array.true_response.find_elastic_tensor`.
+        :func:`~granphon.array.linear_response.find_elastic_tensor`.
         """
         if not shear:  # only shear turns balls that are strained: without it twist and roll store nothing
             return find_elastic_tensor(self.place, self._act(), self.stencils)
@@ -304,7 +302,7 @@ class _Path:
         return trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE
 
     def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:
-        """Return the step of Newton's method; see :meth:`~granphon.array.true_geometry.ExactGeometry.solve`."""
+        """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
         distance = max(trial.left, trial.missed)
         stiffness = 1.5 * trial.root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import START_SPACING
 from granphon.array.preconditioners import MOST_BALLS
-from granphon.array.steps import ReducedLoad
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing

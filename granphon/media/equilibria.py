@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, array_shape, equilibrate, explain_too_small
+from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load

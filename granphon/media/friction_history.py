@@ -15,10 +15,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from granphon.array.dashpots import GAS
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING
 from granphon.array.pressed_sample import SHEAR_RESPONSES
-from granphon.array.steps import ReducedLoad
+from granphon.array.stepper import GAS
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, Refused, message

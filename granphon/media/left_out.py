@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.true_geometry import LARGEST_RATIO
+from granphon.array.geometry import LARGEST_RATIO
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.typical_arrays import estimate_open_contacts

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import equilibrate
+from granphon.array.friction import PressedArray
+from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
-from granphon.array.pressing import PressedArray
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
-from granphon.array.true_geometry import ExactGeometry
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.true_geometry import require_small
+from granphon.array.geometry import require_small
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load

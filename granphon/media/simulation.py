@@ -17,9 +17,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.geometry import ReducedLoad
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
-from granphon.array.steps import ReducedLoad
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError, brief, message

@@ -29,18 +29,17 @@ from granphon.array.atoms import (
 )  # fmt: skip
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, select_motions
+from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN
-from granphon.base.errors import InputError, PrecisionError, message
+from granphon.base.errors import InputError, PrecisionError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import contact_rows
+from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.media.state import ContactState, Law, given_state
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.contacts import ContactFinder, Deformations, find_motions, keep_rows
-from granphon.phonons.force_constants import assemble
+from granphon.phonons.contacts import ContactFinder, keep_rows
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -188,22 +187,66 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             what = f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d"
             mend = "Use force constants, bands and velocities, which come from the state and stay exact"
             raise PrecisionError(message(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend))
-        contacts = self._find_deformations(balls)
-        i, j, pull = contacts.i, contacts.j, contacts.force_on_j
-        n, m, forces = len(balls), self._coordinates, np.zeros((len(balls), 3))
+        law, n, m = self._choose_law(balls), len(balls), self._coordinates
+        # the contacts that are closed at the positions of the balls
+        i, j, _, vector = self._contacts.find_pairs(balls, balls.positions[:, :m])
+        deviations = balls.arrays["diameter_deviations"]
+        extra = 0.5 * (deviations[i] + deviations[j])
+        normal, near = self._contacts.find_normals(vector, extra)
+        if self.finite_overlap:
+            distance = np.linalg.norm(vector, axis=1)
+            along = vector / distance[:, None]
+            overlap = 1.0 + extra - distance
+        else:
+            along = normal
+            overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
+        closed = near & (overlap > law.least_overlap / self.scales.length)
+        i, j, vector, normal, along, overlap = keep_rows(closed, i, j, vector, normal, along, overlap)
+        # energy of each contact and force on ball j, in units of k d^2 and k d
+        d, k = self.scales.length, self.scales.stiffness
+        energies = law.energy(overlap * d) / (k * d * d)
+        pull = (law.force(overlap * d) / (k * d))[:, None] * along
+        angles = np.atleast_2d(balls.arrays["rotations"].T)  # one row for each axis
+        torque_i, torque_j = ([np.zeros(len(i)) for _ in angles] for _ in range(2))
+        if self._motions.rotate:
+            rest = self._contacts.find_rest(balls, i, j, normal)
+            origin = balls.arrays["slip_origin"][:, :m]
+            moved = vector - self._spacing * normal - (origin[j] - origin[i])
+            # kappa is that of the reference state: slip adds to the energy of that state; so do twist and roll
+            stiffness, torsion = self._find_springs(law, rest.overlap)
+            arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
+            for row in contact_rows(
+                rest.axis, arm_i, arm_j, self._motions,
+                elongation=0.0, slip=self._eta, twist=torsion, roll=self._bending,
+            ):  # fmt: skip
+                head, tail = row.head.T, row.tail.T
+                change = head[0] * moved[:, 0]
+                for axis in range(1, m):
+                    change += head[axis] * moved[:, axis]
+                for turn_j, turn_i, angle in zip(head[m:], tail[m:], angles, strict=True):
+                    change += turn_j * angle[j]
+                    change -= turn_i * angle[i]
+                tension = row.stiffness * stiffness * change
+                energies += 0.5 * tension * change
+                for axis in range(m):
+                    pull[:, axis] -= tension * head[axis]
+                for turn_j, turn_i, on_j, on_i in zip(head[m:], tail[m:], torque_j, torque_i, strict=True):
+                    on_i += tension * turn_i
+                    on_j -= tension * turn_j
+        # sums over the contacts of each ball
+        forces, energy = np.zeros((n, 3)), float(energies.sum())
         for axis in range(m):
             forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
-        ends = zip(contacts.torque_on_i, contacts.torque_on_j, strict=True)
+        ends = zip(torque_i, torque_j, strict=True)
         torques = [np.bincount(i, at_i, n) + np.bincount(j, at_j, n) for at_i, at_j in ends]
         self._torques: Array = np.stack(torques, axis=1) if m == 3 else np.asarray(torques[0], float)
-        energy = float(contacts.energy.sum())
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         periods = self._periods
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
         if volume > 0.0:
             # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across the periods
             stress = np.zeros((3, 3))
-            stress[:m, :m] = -np.einsum("ca,cb->ab", pull, contacts.vector) / volume
+            stress[:m, :m] = -np.einsum("ca,cb->ab", pull, vector) / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
         elif "stress" in properties:
             mend = f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
@@ -244,77 +287,19 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             raise InputError(message(what, "Their spread would count twice", mend))
         return self.state.law
 
-    def _find_deformations(self, balls: Atoms) -> Deformations:
-        """Find the contacts that are closed at the positions of the balls, with their energies, forces and torques."""
-        law = self._choose_law(balls)
-        apart = law.least_overlap / self.scales.length
-        i, j, _, vector = self._contacts.find_pairs(balls, balls.positions[:, : self._coordinates])
-        deviations = balls.arrays["diameter_deviations"]
-        extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._contacts.find_normals(vector, extra)
-        if self.finite_overlap:
-            distance = np.linalg.norm(vector, axis=1)
-            axis = vector / distance[:, None]
-            overlap = 1.0 + extra - distance
-        else:
-            axis = normal
-            overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
-        closed = near & (overlap > apart)
-        i, j, vector, normal, axis, overlap = keep_rows(closed, i, j, vector, normal, axis, overlap)
-        # reduced energy, force and stiffness are in units of k d^2, k d and k
-        d, k = self.scales.length, self.scales.stiffness
-        depth = overlap * d
-        compression = law.force(depth) / (k * d)
-        energy = law.energy(depth) / (k * d * d)
-        arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
-        pull = compression[:, None] * axis
-        angles = np.atleast_2d(balls.arrays["rotations"].T)  # one row for each axis
-        torque_i, torque_j = ([np.zeros(len(i)) for _ in angles] for _ in range(2))
-        if self._motions.rotate:
-            rest, m = self._contacts.find_rest(balls, i, j, normal), self._coordinates
-            origin = balls.arrays["slip_origin"][:, :m]
-            moved = vector - self._spacing * normal - (origin[j] - origin[i])
-            # kappa is that of the reference state: slip adds to the energy of that state; so do twist and roll
-            stiffness = self._find_stiffness(law, rest.overlap)
-            for row in contact_rows(
-                rest.axis, arm_i, arm_j, self._motions,
-                elongation=0.0, slip=self._eta, twist=self._find_torsion(law, rest.overlap), roll=self._bending,
-            ):  # fmt: skip
-                head, tail = row.head.T, row.tail.T
-                change = head[0] * moved[:, 0]
-                for axis in range(1, m):
-                    change += head[axis] * moved[:, axis]
-                for turn_j, turn_i, angle in zip(head[m:], tail[m:], angles, strict=True):
-                    change += turn_j * angle[j]
-                    change -= turn_i * angle[i]
-                tension = row.stiffness * stiffness * change
-                energy += 0.5 * tension * change
-                for axis in range(m):
-                    pull[:, axis] -= tension * head[axis]
-                for turn_j, turn_i, on_j, on_i in zip(head[m:], tail[m:], torque_j, torque_i, strict=True):
-                    on_i += tension * turn_i
-                    on_j -= tension * turn_j
-        return Deformations(i, j, vector, energy, pull, torque_i, torque_j)
-
-    def _find_stiffness(self, law: Law, overlap: Array) -> Array:
-        """Find the normal stiffness of contacts over that of the state; exactly 1 for its law at its overlap."""
-        stiffness, other = np.ones(overlap.shape), self._differs(law, overlap)
-        if np.any(other):  # only where needed: the law of a simulation solves an equilibrium for each overlap
-            stiffness[other] = law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
-        return stiffness
-
-    def _find_torsion(self, law: Law, overlap: Array) -> float | Array:
-        """Find the stiffness of contacts against twist over their k d^2; exactly the state's for its law at its overlap."""
-        packing, other = self.state.packing, self._differs(law, overlap)
-        if packing.torsion != MINDLIN or not np.any(other):
-            return self._torsion
-        torsion, depth = np.full(overlap.shape, self._torsion), overlap[other] * self.scales.length
-        torsion[other] = packing.find_torsion(law.force(depth), law.stiffness(depth))
-        return torsion
-
-    def _differs(self, law: Law, overlap: Array) -> NDArray[np.bool_]:
-        """Whether each contact differs from that of the state: by its overlap, or by its law."""
-        return np.asarray((overlap != self._overlap) | (law is not self.state.law))
+    def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
+        """Find normal stiffness over the state's, and torsion over k d^2; exactly the state's for its law at its overlap."""
+        stiffness, torsion, packing = np.ones(overlap.shape), np.full(overlap.shape, self._torsion), self.state.packing
+        other = (overlap != self._overlap) | (law is not self.state.law)
+        if not np.any(other):
+            return stiffness, self._torsion
+        # only where needed: the law of a simulation solves an equilibrium for each overlap
+        depth = overlap[other] * self.scales.length
+        slopes = law.stiffness(depth)
+        stiffness[other] = slopes / self.scales.stiffness
+        if packing.torsion == MINDLIN:
+            torsion[other] = packing.find_torsion(law.force(depth), slopes)
+        return stiffness, torsion if packing.torsion == MINDLIN else self._torsion
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
         """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about the state.
@@ -352,10 +337,21 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
         """Return the lattice of contacts, and the law and the overlaps (n_c,), d, of these."""
-        moving = find_motions(self.state.packing, motions)
+        packing = self.state.packing
+        moving = own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
+        if motions is not None:
+            had = {
+                one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
+                if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
+            }  # fmt: skip
+            if not isinstance(motions, str) or motions not in had:
+                what, why = f"the state has no motions {brief(motions)}", f"Its balls have the motions {own.name!r}"
+                mend = "Use " + ", ".join(had) + ", or make a state of a Packing with these motions"
+                raise InputError(message(what, why, mend))
+            moving = had[motions]
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
-        m, periods, dimension = self._coordinates, self._periods, self.state.packing.structure.dimension
+        m, periods, dimension = self._coordinates, self._periods, packing.structure.dimension
         sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
         i, j, shift, vector = self._contacts.find_pairs(atoms, sites)
         normal, near = self._contacts.find_normals(vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True)
@@ -373,11 +369,11 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             read_only(i), read_only(j), read_only(shift[:, :periods]), read_only(axis[:, :width]),
             read_only(vector[:, :width]), read_only(arms[i]), read_only(arms[j]),
         )  # fmt: skip
-        cell = np.asarray(atoms.cell)[:periods, :width]
+        stiffness, torsion = self._find_springs(law, overlap)
         lattice = ContactLattice(
-            cell, sites[:, :width], table, self._eta, stiffness=self._find_stiffness(law, overlap),
-            prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
-            torsion=self._find_torsion(law, overlap), bending=self._bending, motions=moving,
+            np.asarray(atoms.cell)[:periods, :width], sites[:, :width], table, self._eta, stiffness=stiffness,
+            prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters, torsion=torsion,
+            bending=self._bending, motions=moving,
         )  # fmt: skip
         return lattice, law, overlap
 
@@ -413,11 +409,35 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if format not in ("dense", "csr"):
             raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
         lattice = self.contact_lattice(atoms, motions)
-        found, moving = assemble(lattice, sparse=format == "csr"), lattice.motions
-        size, slots = 3 * moving.atoms_per_ball, list(moving.slots)
-        if moving.name == IN_PLANE.name or slots == list(range(size)):
-            return found
-        if isinstance(found, np.ndarray):
-            return found[:, :, slots][..., slots]
-        index = (size * np.arange(lattice.n_balls)[:, None] + slots).ravel()
-        return found[index][:, index]
+        table, n, blocks, moving = lattice.contacts, lattice.n_balls, contact_blocks(lattice), lattice.motions
+        size = blocks.shape[1] // 2
+        ends = np.stack([table.i, table.j], axis=1)
+        index = (size * ends[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
+        first = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
+        second = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
+        slots = list(range(size) if moving.name == IN_PLANE.name else moving.slots)
+        if format == "csr":
+            from scipy.sparse import coo_array
+
+            sparse = coo_array((blocks.ravel(), (first, second)), shape=(size * n, size * n)).tocsr()
+            sparse.sum_duplicates()
+            kept = (size * np.arange(n)[:, None] + slots).ravel()
+            return sparse if slots == list(range(size)) else sparse[kept][:, kept]
+        dense = np.zeros((size * n, size * n))
+        np.add.at(dense, (first, second), blocks.ravel())
+        return dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)[:, :, slots][..., slots]
+
+
+def contact_blocks(lattice: ContactLattice) -> Array:
+    """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then of ball j; units of k.
+
+    If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
+    """
+    slots, count = list(lattice.motions.slots), 3 * lattice.motions.atoms_per_ball
+    springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
+    if lattice.is_prestressed:
+        springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
+    entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
+    for entry, (row, _) in zip(entries, springs, strict=True):
+        entry[:count][slots], entry[count:][slots] = -row.tail.T, row.head.T
+    return np.asarray(np.einsum("rc,rac,rbc->cab", [stiffness for _, stiffness in springs], entries, entries))

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, select_once
 from granphon.balls.lattices import Lattice
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, Motions, allowed_motions
-from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, message
 
 Array = NDArray[np.float64]
 #: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has moved by half of it. It
@@ -36,8 +34,6 @@ _TURN_PER_OVERLAP = 1e-2
 #: the same when force constants are found, as added overlap over the spacing. It is larger, because positions then only tell
 #: which balls touch
 _TURN_PER_SPACING = 1e-4
-#: sets of motions, by name, that force constants may be asked of
-_SUBSETS = {one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)}
 
 
 # -- pairs ----------------------------------------------------------------------------------------------------------------
@@ -156,21 +152,6 @@ class Rest(NamedTuple):
     distance: Array
 
 
-class Deformations(NamedTuple):
-    """Closed contacts in reduced units: vectors (n, m) from ball i to j, energies (n,), forces (n, m).
-
-    The torques are (n,) about z, or about each of x, y and z.
-    """
-
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    vector: Array
-    energy: Array
-    force_on_j: Array
-    torque_on_i: list[Array]
-    torque_on_j: list[Array]
-
-
 class ContactFinder:
     """A search for the contacts of balls of one lattice at one load.
 
@@ -283,22 +264,3 @@ def _find_turn(normal: Array, vector: Array, distance: Array, touching: NDArray[
     across = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
     turn = np.linalg.pinv(len(normal) * np.eye(3) - normal.T @ normal, rcond=1e-9, hermitian=True) @ across
     return float(np.linalg.norm(turn))
-
-
-def find_motions(packing: Packing, name: str | None) -> Motions:
-    """Return the motions that are named, or those of the packing; rotations count where the packing names them.
-
-    Raises :class:`InputError` for a name of motions that its balls do not have.
-    """
-    own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
-    if name is None:
-        return own
-    had = {
-        word: one for word, one in _SUBSETS.items()
-        if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
-    }  # fmt: skip
-    if not isinstance(name, str) or name not in had:
-        what, why = f"the state has no motions {brief(name)}", f"Its balls have the motions {own.name!r}"
-        mend = "Use " + ", ".join(had) + ", or make a state of a Packing with these motions"
-        raise InputError(message(what, why, mend))
-    return had[name]

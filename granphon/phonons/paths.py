@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -48,7 +48,7 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     Each point is (3,), in fractions of the reciprocal cell. ``pbc`` says along which vectors balls repeat, by default all:
     a ribbon cut out of a plane has the two points G and X of a line.
     """
-    points = _find_band_path(*_key(vectors, pbc)).special_points
+    points = _find_band_path(vectors, pbc).special_points
     signs = -1.0 if sum(pbc) == 1 and np.min(list(points.values())) < 0.0 else 1.0
     return {name: signs * np.array(point) + 0.0 for name, point in points.items()}
 
@@ -59,7 +59,7 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
     They are GX on a line, GKMG and GXMG in hexagonal and square cells of the plane, GXWKGL in face-centred cubic ones; of
     other cells ASE's, where a comma marks a jump. ``pbc`` is as in :func:`special_points`.
     """
-    path = _find_band_path(*_key(vectors, pbc))
+    path = _find_band_path(vectors, pbc)
     if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points
         for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
             if set(letters) <= set(path.special_points):
@@ -67,22 +67,16 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
     return _FACE_CENTRED_PATH if path.path.startswith(_FACE_CENTRED_PATH) else str(path.path)
 
 
-def _key(vectors: ArrayLike, pbc: Sequence[bool]) -> tuple[tuple[float, ...], tuple[bool, ...]]:
-    """Return lattice vectors (p, d) as a cell in space, in one row, and along which of its axes it repeats."""
+def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
+    """Return ASE's band path of a cell with lattice vectors (p, d), which knows its special points and the standard path."""
+    from ase.cell import Cell
+
     given, cell = np.asarray(vectors), np.eye(3)
     p = len(given)
     cell[:p, :p] = given[:, :p]
     # a cluster, which repeats nowhere, has the zone of the cell that it was put into
-    repeats = tuple(map(bool, pbc)) if any(pbc) else (True,) * p
-    return tuple(cell.ravel().tolist()), (*repeats, *(False,) * (3 - p))
-
-
-@lru_cache(maxsize=16)
-def _find_band_path(cell: tuple[float, ...], pbc: tuple[bool, ...]) -> Any:
-    """Return ASE's band path of a cell, which knows its special points and the standard path."""
-    from ase.cell import Cell
-
-    return Cell(np.reshape(cell, (3, 3))).bandpath(npoints=0, pbc=pbc)
+    repeats = pbc if any(pbc) else (True,) * p
+    return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))
 
 
 # -- points along a path --------------------------------------------------------------------------------------------

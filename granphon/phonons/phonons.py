@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
-from phonopy import Phonopy
 from phonopy.phonon.mesh import Mesh
 from phonopy.phonon.spectrum import SmearingDOSAccumulator
+from phonopy.phonon.tetrahedron_method import get_integration_weights
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
@@ -26,11 +26,9 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.state import ContactState, given_state
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
-from granphon.phonons.calculator import HertzMindlin
+from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
-from granphon.phonons.force_constants import contact_blocks
-from granphon.phonons.mesh_integrals import integrate_tetrahedra
 from granphon.phonons.paths import LARGEST_COUNT, check_inside, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
 from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
@@ -45,6 +43,8 @@ _MESH_POINTS = 4096
 _WIDEST = 1e6
 #: mesh of a density of states for one, two and three periods
 _MESHES = ((1024,), (64, 64), (32, 32, 32))
+#: number of wave vectors, of similar frequencies, whose weights in the tetrahedron method are computed together
+_POINTS_TOGETHER = 128
 
 
 class Phonons:
@@ -128,7 +128,7 @@ class Phonons:
         periodic = np.asarray(self.atoms.pbc)[:p]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
-            dim = grid_numbers("dim", given, LARGEST_COUNT, _pad_example("3", p), p)
+            dim = grid_numbers("dim", given, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p)
             if np.any((np.array(dim) > 1) & ~periodic):
                 raise InputError(message(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it"))
             if not touch_once_at_most(cell, dim, contact):
@@ -155,48 +155,40 @@ class Phonons:
         it; those that hold no motion give flat branches at zero. Six motions are those of two atoms: "Fe" holds u, and "Sn",
         a little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball.
         """
-        bridge = ContactPhonopy(
-            self._make_phonopy_cell(), np.diag(self._pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
-        )
-        bridge.unit_conversion_factor = 1.0
-        bridge.give_force_constants(self._compute_force_constants(bridge))
-        return bridge
-
-    def _make_phonopy_cell(self) -> PhonopyAtoms:
         cell, spread, motions = np.array(self.atoms.cell), np.ptp(self.atoms.positions, axis=0), self.lattice.motions
         periods = np.arange(3) < self._periods
         open_ends = np.where(periods, ~np.asarray(self.atoms.pbc), spread > 0.5)
         for axis in np.flatnonzero(open_ends):
             # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
             cell[axis] *= 1.0 + np.ceil(2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis]))
-        return PhonopyAtoms(
+        unit = PhonopyAtoms(
             symbols=name_atoms(len(self.atoms), motions), cell=cell,
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )  # fmt: skip
-
-    def _compute_force_constants(self, bridge: Phonopy) -> Array:
-        """Force constants between atoms of the cell and of phonopy's supercell, (n, n_supercell, 3, 3), units of k."""
-        table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
-        dim, per_ball = np.array(self.dim), self.lattice.motions.atoms_per_ball
+        bridge = ContactPhonopy(unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0)
+        bridge.unit_conversion_factor = 1.0
         # where[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1, ...)
-        cells, unit = bridge.supercell, bridge.unitcell
+        table, blocks, dim, per_ball = self.lattice.contacts, contact_blocks(self.lattice), self.dim, motions.atoms_per_ball
+        cells = bridge.supercell
         atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        place = np.rint((cells.positions - unit.positions[atom]) @ np.linalg.inv(unit.cell)).astype(int)
+        place = np.rint((cells.positions - bridge.unitcell.positions[atom]) @ np.linalg.inv(unit.cell)).astype(int)
         where = np.empty((len(unit), *dim), int)
         where[(atom, *(place[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+        # force constants between atoms of the cell and of the supercell, contact by contact
         constants = np.zeros((len(unit), len(atom), 3, 3))
         home, away, back = np.zeros_like(table.shift), table.shift % dim, -table.shift % dim
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
             (i, j), (i_too, j_too) = ([per_ball * end + part for end in (table.i, table.j)] for part in (a, b))
             rows, columns = (slice(3 * part, 3 * part + 3) for part in (a, b))
             far_rows, far_columns = (slice(3 * part, 3 * part + 3) for part in (per_ball + a, per_ball + b))
-            for one, row, other, column, cell in (
+            for one, row, other, column, shift in (
                 (i, rows, i_too, columns, home), (j, far_rows, j_too, far_columns, home),
                 (i, rows, j_too, far_columns, away), (j, far_rows, i_too, columns, back),
             ):  # fmt: skip
-                np.add.at(constants, (one, where[(other, *cell.T)]), blocks[:, row, column])
-        return constants
+                np.add.at(constants, (one, where[(other, *shift.T)]), blocks[:, row, column])
+        bridge.give_force_constants(constants)
+        return bridge
 
     def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
         """Return the warnings on the state, and on branches and single modes among ``frequencies`` that cost nothing."""
@@ -283,7 +275,8 @@ class Phonons:
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         p = self._periods
-        numbers = grid_numbers("mesh", _MESHES[p - 1] if mesh is None else mesh, LARGEST_COUNT, _pad_example("64", p), p)
+        given, example = _MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
+        numbers = grid_numbers("mesh", given, LARGEST_COUNT, example, p)
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
@@ -334,7 +327,7 @@ class Phonons:
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:
         """Return a Gamma-centred mesh, reduced by the point group of the lattice if the frequencies have its symmetry."""
-        dataset, count = self._find_symmetry() if reduce else None, np.array(self._pad(numbers))
+        dataset, count = self._find_symmetry() if reduce else None, np.array(_pad(numbers))
         if dataset is not None and np.any(dataset.rotations[:, count[:, None] != count] != 0):
             dataset = None  # a rotation that mixes axes of different numbers does not map this mesh on itself
         symmetry = None if dataset is None else SimpleNamespace(dataset=dataset)
@@ -343,10 +336,6 @@ class Phonons:
             is_mesh_symmetry=dataset is not None, primitive_symmetry=symmetry,
         )  # fmt: skip
 
-    def _pad(self, numbers: tuple[int, ...]) -> list[int]:
-        """Return the numbers of cells or wave vectors along three axes."""
-        return [*numbers, *(1,) * (3 - len(numbers))]
-
     def _find_symmetry(self) -> Any:
         """Return spglib's dataset of the space or layer group, or None if the frequencies do not have that symmetry."""
         import spglib
@@ -354,7 +343,6 @@ class Phonons:
         p = self._periods
         if p == 1:
             return None
-
         scalars = [self.atoms.get_masses(), self.atoms.arrays.get("diameter_deviations", np.zeros(len(self.atoms)))]
         _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
         cell = (np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
@@ -391,9 +379,49 @@ class Phonons:
         write_phonopy(self.phonopy, path, self.scales, top, self.lattice.motions, self._periods)
 
 
-def _pad_example(number: str, periods: int) -> str:
-    """Return an example of one number for each period, padded with ones: "3 3 1"."""
-    return " ".join([number] * periods + ["1"] * (3 - periods))
+def _pad(numbers: tuple[int, ...]) -> list[int]:
+    """Return the numbers of cells or wave vectors along three axes."""
+    return [*numbers, *(1,) * (3 - len(numbers))]
+
+
+def integrate_tetrahedra(grid: Mesh, frequencies: Array, parts: Array, limits: Array) -> Array:
+    """Return the number of modes per cell below each limit, (n_parts, n), by the linear tetrahedron method.
+
+    Parameters
+    ----------
+    grid : the mesh, reduced by symmetry, whose ``qpoints`` have the ``frequencies``.
+    frequencies : (n_q, n_branches).
+    parts : (n_parts, n_q, n_branches), what of each mode is counted.
+    limits : (n,), ascending.
+
+    Notes
+    -----
+    Phonopy computes a weight for each mode and limit. It is zero below all frequencies of the neighbouring points and one
+    above them; only what lies between is asked of phonopy, which saves most of the time and of the memory.
+    """
+    zone = grid.bz_grid
+    reduced = np.searchsorted(grid.ir_grid_points, grid.grid_mapping_table)
+    counted = np.zeros((len(parts), len(limits)))
+    for branch in range(frequencies.shape[1]):
+        values, share = frequencies[:, [branch]], parts[:, :, branch] * grid.weights
+        # the least and the greatest frequency of each mesh point and its neighbours along the three axes
+        lowest = highest = values[reduced, 0].reshape(zone.D_diag[::-1])
+        for axis in range(3):
+            lowest = np.minimum(lowest, np.minimum(np.roll(lowest, 1, axis), np.roll(lowest, -1, axis)))
+            highest = np.maximum(highest, np.maximum(np.roll(highest, 1, axis), np.roll(highest, -1, axis)))
+        low, high = (bound.ravel()[grid.ir_grid_points] for bound in (lowest, highest))
+        order = np.argsort(low, kind="stable")
+        for points in np.array_split(order, -(-len(order) // _POINTS_TOGETHER)):
+            first = int(np.searchsorted(limits, low[points].min()))
+            last = int(np.searchsorted(limits, high[points].max(), side="right"))
+            if last > first:
+                weights = get_integration_weights(
+                    limits[first:last], values, zone, grid_points=zone.grg2bzg[grid.ir_grid_points[points]],
+                    bzgp2irgp_map=reduced[zone.bzg2grg], function="J",
+                )  # fmt: skip
+                counted[:, first:last] += np.einsum("pq,qn->pn", share[:, points], weights[:, :, 0])
+            counted[:, last:] += share[:, points].sum(axis=1)[:, None]
+    return np.asarray(counted / np.prod(zone.D_diag))
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.pressing import PressedArray
+from granphon.array.friction import PressedArray
 from granphon.array.stencils import Stencils
 from tests import packings
 

@@ -14,8 +14,8 @@ from scipy.optimize import minimize
 import granphon as gp
 from granphon.array import equilibrium as module
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Motion, Stencils, dot
-from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError
 from granphon.dynamics.tensors import bulk_and_shear, point_group, symmetrise

@@ -8,10 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from granphon.array.dashpots import DRAG, relax_overdamped
-from granphon.array.friction import Contacts, FrictionLaw
-from granphon.array.pressing import PressedArray
-from granphon.array.steps import ReducedLoad
+from granphon.array.friction import Contacts, FrictionLaw, PressedArray
+from granphon.array.geometry import ReducedLoad
+from granphon.array.stepper import DRAG, Stepper
 from granphon.balls.lattices import FCC, TRIANGULAR
 from tests.array.test_friction_history import history, ramp, run
 
@@ -35,7 +34,7 @@ def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, s
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]
         load = ReducedLoad(force=here.force * (1.0 + 2.0 * step)) if by_force else ReducedLoad(overlap=here.overlap + step)
-        direct, slow = paths.step(trail, load), relax_overdamped(paths.stepper, trail, load)
+        direct, slow = paths.step(trail, load), paths.stepper.relax_overdamped(trail, load)
         assert slow is not None
         assert slow.residual <= 1e-9
         assert paths.stepper.measure(slow, load) == pytest.approx(paths.stepper.measure(direct, load), rel=1e-12)
@@ -55,7 +54,7 @@ def test_balls_that_fall_come_to_rest_and_lose_what_they_do_not_store(lattice, m
     paths = history((6, 6) if lattice is TRIANGULAR else (3, 3, 2), mu, lattice=lattice, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.2)
     load = ReducedLoad(overlap=here.overlap)
-    after = relax_overdamped(paths.stepper, [here], load)
+    after = paths.stepper.relax_overdamped([here], load)
     assert after is not None
     assert after.residual <= 1e-9
     assert after.work == 0.0
@@ -68,7 +67,7 @@ def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
     paths = history((4, 4), 0.2, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.1)
     load = ReducedLoad(overlap=here.overlap)
-    after, slow = relax_overdamped(paths.stepper, [here], load), here
+    after, slow = paths.stepper.relax_overdamped([here], load), here
     for drag in (*[1.0] * 40, *[0.3] * 40, *[0.1] * 200):
         slow = paths.stepper.settle([slow], load, drag)
     slow = paths.stepper.settle([slow], load, 0.0)
@@ -98,7 +97,7 @@ def place_at(overlap):
 
 def test_dashpots_are_made_stronger_while_a_ball_falls():
     falling = Falling(1.0, 0.05)
-    after = relax_overdamped(falling, [place_at(0.0)], ReducedLoad(overlap=0.0))
+    after = Stepper.relax_overdamped(falling, [place_at(0.0)], ReducedLoad(overlap=0.0))
     assert after.overlap == pytest.approx(1.0, abs=0.05)
     assert any(later > drag > 0.0 for drag, later in itertools.pairwise(falling.drags))
     assert falling.drags[-1] == 0.0
@@ -106,8 +105,8 @@ def test_dashpots_are_made_stronger_while_a_ball_falls():
 
 def test_dashpots_give_up_where_nothing_falls_or_a_fall_has_no_end():
     stuck = Falling(1.0, 1e-6)
-    assert relax_overdamped(stuck, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
+    assert Stepper.relax_overdamped(stuck, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
     assert stuck.drags == [DRAG]
     endless = Falling(math.inf, 0.05)
-    assert relax_overdamped(endless, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
+    assert Stepper.relax_overdamped(endless, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
     assert len(endless.drags) < 100

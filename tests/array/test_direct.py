@@ -10,8 +10,8 @@ import pytest
 import granphon as gp
 from granphon.array import sparse as direct
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.sparse import SparseArray
-from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError
 from tests.array.test_equilibrium import at_rest, balls, close_forces

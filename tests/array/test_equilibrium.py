@@ -22,8 +22,8 @@ import granphon as gp
 from granphon.array import equilibrium as module
 from granphon.array import linear_response
 from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.balls.distributions import UniformShape
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field

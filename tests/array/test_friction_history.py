@@ -15,20 +15,18 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.optimize import root
 
 import granphon as gp
-from granphon.array import contact_operator, dashpots, friction, linear_step, load_step, stepper
+from granphon.array import contact_operator, friction, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.geometry import LatticeGeometry, multiply
+from granphon.array.geometry import ExactGeometry, LatticeGeometry, ReducedLoad, multiply
 from granphon.array.history import LoadingHistory
-from granphon.array.linear_step import LinearSteps
-from granphon.array.patches import Patches
+from granphon.array.krylov import solve_by_minimal_residuals
+from granphon.array.load_step import LinearSteps
+from granphon.array.preconditioners import Patches
 from granphon.array.pressed_sample import PressedEquilibrium
-from granphon.array.pressing import integrate_last
-from granphon.array.residuals import solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.steps import ReducedLoad
-from granphon.array.true_geometry import ExactGeometry
+from granphon.array.stepper import integrate_last
 from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear
@@ -683,10 +681,10 @@ def test_balls_that_fall_are_moved_by_a_limited_step():
 
 def test_steps_with_patches_come_to_the_same_state(monkeypatch):
     loads, sizes = ramp(0.5, 0.6, steps=2), []
-    monkeypatch.setattr(linear_step, "_FEW", 300)  # never
+    monkeypatch.setattr(load_step, "_FEW", 300)  # never
     expected = run(history((8, 8), 0.3, seed=1), loads)[-1]
     invert = Patches.invert
-    monkeypatch.setattr(linear_step, "_FEW", 3)
+    monkeypatch.setattr(load_step, "_FEW", 3)
     monkeypatch.setattr(Patches, "invert", lambda self, *args: (sizes.append(args[0].size), invert(self, *args))[1])
     found = run(history((8, 8), 0.3, seed=1), loads)[-1]
     assert len(sizes) > 2
@@ -800,7 +798,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     paths = history((4, 4), lattice=lattice, start="gas")
     begun = paths.begin()
     assert begun.overlap < 0.1
-    assert begun.force >= 0.5 * dashpots.STANDING_FORCE
+    assert begun.force >= 0.5 * stepper.STANDING_FORCE
     assert begun.residual <= 1e-9
     assert residual(paths, begun) < 2e-9
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
@@ -813,11 +811,11 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
     off = []
     for finer in (1, 2, 4):  # equally viscous dashpots resist a shorter step more
         paths = history(shape, 0.3, lattice=lattice, start="gas")
-        damped = replace(paths.stepper, drag=finer * dashpots.DRAG)
+        damped = replace(paths.stepper, drag=finer * stepper.DRAG)
         first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
         here, taken = damped.place(np.zeros((2, *shape)), first), 0.0
         for _ in range(36 * finer):
-            before, here = here, damped.step([here], ReducedLoad(overlap=here.overlap + dashpots.STEP / finer))
+            before, here = here, damped.step([here], ReducedLoad(overlap=here.overlap + stepper.STEP / finer))
             loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
             slip = here.contacts.slips - before.contacts.slips
             taken += damped.drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
@@ -871,7 +869,7 @@ def test_balls_that_are_squeezed_out_do_not_end_a_path():
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
     begun = history(shape, 0.5, lattice=lattice, start="gas").begin()
     assert begun.residual <= 1e-9
-    assert begun.force > 0.5 * dashpots.STANDING_FORCE
+    assert begun.force > 0.5 * stepper.STANDING_FORCE
     assert begun.krylov < 20_000  # each takes some tenths of a millisecond; it was more than 200 000
 
 
@@ -879,7 +877,7 @@ def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
 def test_the_drag_of_the_gas_matters_little_at_high_loads(monkeypatch):
     forces = []
     for drag in (1e-2, 5e-3):
-        monkeypatch.setattr(dashpots, "DRAG", drag)
+        monkeypatch.setattr(stepper, "DRAG", drag)
         forces.append(run(history((8, 8), 0.3, start="gas"), ramp(0.5, 1.0, steps=5))[-1].force)
     assert forces[0] == pytest.approx(forces[1], rel=1e-2)
     assert forces[0] == pytest.approx(run(history((8, 8), 0.3), ramp(0.5, 1.0, steps=5))[-1].force, rel=3e-2)

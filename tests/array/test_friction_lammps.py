@@ -10,10 +10,9 @@ import pytest
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
-from granphon.array.true_geometry import ExactGeometry
 from tests.array.pressed_twin import PressedTwin, apart
 
 SHAPE, ETA = (8, 8), 0.82

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from granphon.array import equilibrium as module
 from granphon.array import linear_response
-from granphon.array.conjugate_gradients import conjugate_gradients, solve_for_motion
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.interior import centre, split
+from granphon.array.krylov import conjugate_gradients, solve_for_motion
 from granphon.array.linear_response import find_linear_response
-from granphon.array.preconditioners import Preconditioners, factorise_contacts
+from granphon.array.preconditioners import Preconditioners
+from granphon.array.sparse_matrices import factorise_contacts
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import FCC
 from tests.array.test_equilibrium import balls, by_lstsq, close_forces, newton, residual
 from tests.array.test_stencils import ETA, Explicit

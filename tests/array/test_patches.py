@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from granphon.array import linear_step, patches
+from granphon.array import load_step
+from granphon.array import preconditioners as patches
 from granphon.array.friction import Tangent
 from granphon.array.geometry import multiply
-from granphon.array.linear_step import LinearSteps
-from granphon.array.patches import Patches
+from granphon.array.load_step import LinearSteps
+from granphon.array.preconditioners import Patches
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC, HONEYCOMB, TRIANGULAR
 
@@ -116,7 +117,7 @@ def test_weakly_held_balls_are_found_and_save_iterations(push, monkeypatch):
     pull -= np.mean(pull, axis=(1, 2), keepdims=True)
 
     def solve(few):
-        monkeypatch.setattr(linear_step, "_FEW", few)
+        monkeypatch.setattr(load_step, "_FEW", few)
         steps = LinearSteps(Patches(stencils), damped=False)
         way, taken = steps.solve(product, tangent, pull, push, 1e-3)
         back, force = product(way.balls.astype(np.float32), None if push is None else way.compression)
@@ -139,7 +140,7 @@ def test_a_matrix_without_inverse_leaves_the_equations_to_the_iterations(monkeyp
     monkeypatch.setattr(patches, "_HOLDING", 0.0)
     none = Tangent(*(np.zeros_like(one) for one in (tangent.stiffness, tangent.shear, tangent.coupling, tangent.sliding)))
     assert Patches(stencils).invert(np.arange(4), none) is None
-    monkeypatch.setattr(linear_step, "_FEW", 2)
+    monkeypatch.setattr(load_step, "_FEW", 2)
     monkeypatch.setattr(Patches, "invert", lambda *args: None)
     pull = np.random.default_rng(4).normal(size=(3, 6, 6))
     pull -= np.mean(pull, axis=(1, 2), keepdims=True)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.array import equilibrium
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from tests.array.test_equilibrium import at_rest, balls, by_lstsq, differences, moved, newton, symmetries
 from tests.array.test_stencils import ETA, Explicit, every_eta
 

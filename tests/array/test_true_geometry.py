@@ -13,17 +13,15 @@ import yaml
 from scipy.integrate import simpson
 
 import granphon as gp
-from granphon.array import true_response
+from granphon.array import linear_response
 from granphon.array.equilibrium import equilibrate
-from granphon.array.geometry import LatticeGeometry
+from granphon.array.geometry import ExactGeometry, ExactPlace, LatticeGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.linear_response import ActingForces, find_elastic_tensor
+from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.pressed_sample import PressedEquilibrium
-from granphon.array.pressing import BALANCE_TOLERANCE
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
-from granphon.array.true_geometry import ExactGeometry, ExactPlace
-from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
@@ -900,7 +898,7 @@ def respond_densely(monkeypatch):
         matrix = np.array([apply(one) for one in np.eye(right.size)]).T
         return np.linalg.lstsq(matrix, right, rcond=1e-12)[0], True
 
-    monkeypatch.setattr(true_response, "_solve_by_gmres", solve)
+    monkeypatch.setattr(linear_response, "_solve_by_gmres", solve)
 
 
 @pytest.mark.parametrize("mu", [0.3, math.inf])
@@ -925,8 +923,8 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     (sample,) = simulation.at_force(0.08 * packing.law.coefficient * packing.width**1.5).samples
     at_once = sample.respond("slide").elastic_tensor
     # as in a larger array: iterations without factors would be twenty thousand
-    monkeypatch.setattr(true_response, "_is_small", lambda frame: False)
-    monkeypatch.setattr(true_response, "_RESPONSE_STEPS", 600)
+    monkeypatch.setattr(linear_response, "_is_small", lambda frame: False)
+    monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 600)
     without = sample.respond("slide").elastic_tensor
     np.testing.assert_allclose(without, at_once, rtol=0.0, atol=1e-9 * np.max(at_once))
     assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
@@ -937,7 +935,7 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
     packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice)
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
     factorised = sample.elastic_tensor
-    monkeypatch.setattr(true_response, "_is_small", lambda frame: False)
+    monkeypatch.setattr(linear_response, "_is_small", lambda frame: False)
     iterated = dataclasses.replace(sample).elastic_tensor
     np.testing.assert_allclose(iterated, factorised, rtol=0.0, atol=1e-12 * np.max(factorised))
     assert not np.array_equal(iterated, factorised)

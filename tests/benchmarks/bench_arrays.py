@@ -20,9 +20,9 @@ from side_by_side import Part, Row, alternate, command_line, run_alone, spend
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.sparse import find_step_length
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import FCC
 
 Array = NDArray[np.float64]

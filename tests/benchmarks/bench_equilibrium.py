@@ -29,9 +29,9 @@ def make(lattice: str, what: str) -> Callable[[], object]:
     """What solves a case once; what is made once for an array is made here."""
     import granphon as gp
     from granphon.array.equilibrium import equilibrate
+    from granphon.array.geometry import ReducedLoad
     from granphon.array.history import LoadingHistory
     from granphon.array.stencils import Stencils
-    from granphon.array.steps import ReducedLoad
     from granphon.balls.lattices import find_lattice
 
     shape, kind = SHAPES[lattice], find_lattice(lattice)

@@ -20,8 +20,8 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import find_lattice
 

@@ -33,9 +33,9 @@ def draw(side: int) -> NDArray[np.float64]:
 
 def press(x: NDArray[np.float64], mu: float) -> float:
     """Return f* at the end of the path."""
+    from granphon.array.geometry import ReducedLoad
     from granphon.array.history import LoadingHistory
     from granphon.array.stencils import Stencils
-    from granphon.array.steps import ReducedLoad
 
     history = LoadingHistory(x, Stencils(x.shape, ETA), mu)
     loads = [ReducedLoad(overlap=float(y)) for y in np.linspace(0.0, 0.5, STEPS + 1)[1:]]
@@ -47,8 +47,8 @@ def press(x: NDArray[np.float64], mu: float) -> float:
 def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
     """Find equilibria without friction, from that at a* = 1/2 on each from the one before."""
     from granphon.array.equilibrium import equilibrate
+    from granphon.array.geometry import ReducedLoad
     from granphon.array.stencils import Stencils
-    from granphon.array.steps import ReducedLoad
 
     stencils = Stencils(x.shape)
     state = equilibrate(x, ReducedLoad(overlap=0.0), stencils)
@@ -59,7 +59,7 @@ def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
 def paths(repeats: int) -> list[Row]:
     """64 x 64 balls, in units of the same path without friction, of the mean of its equilibria, and of its last one."""
     from granphon.array.equilibrium import equilibrate
-    from granphon.array.steps import ReducedLoad
+    from granphon.array.geometry import ReducedLoad
 
     x, overlaps = draw(64), np.linspace(0.0, 0.5, STEPS + 1)[1:]
     equilibrate(x, ReducedLoad(overlap=0.5))

@@ -22,9 +22,9 @@ from side_by_side import Part, Row, alternate, command_line, run_alone, spend
 import granphon as gp
 from granphon.array import equilibrium as module
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.sparse import SparseArray
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import TRIANGULAR
 
 Array = NDArray[np.float64]

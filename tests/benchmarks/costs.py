@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 WATCHED = {
     ("granphon.laws.effective", "solve_curve"): "effective medium",
     ("granphon.dynamics.local_field", "_compute_local_field"): "local field",
-    ("granphon.phonons.force_constants", "contact_blocks"): "force constants",
+    ("granphon.phonons.calculator", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
     ("granphon.dynamics.contact_lattice", "ContactLattice.modes"): "modes",

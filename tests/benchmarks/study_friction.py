@@ -30,14 +30,12 @@ from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import LEAST_CONTACT
+from granphon.array.friction import LEAST_CONTACT, PressedArray
+from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
-from granphon.array.pressing import PressedArray
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
-from granphon.array.true_geometry import ExactGeometry
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure

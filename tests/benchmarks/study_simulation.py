@@ -21,7 +21,7 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.steps import ReducedLoad
+from granphon.array.geometry import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load

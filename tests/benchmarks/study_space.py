@@ -18,8 +18,8 @@ from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, bracketed, judged, me
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
-from granphon.array.steps import ReducedLoad
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.dynamics.tensors import bulk_and_shear
 

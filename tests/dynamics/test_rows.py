@@ -18,7 +18,7 @@ from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, se
 from granphon.dynamics.compatibility import GYRATION, Compatibility
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
-from granphon.phonons.force_constants import contact_blocks
+from granphon.phonons.calculator import contact_blocks
 
 #: motions in the plane where nothing resists rotation: u_x, u_y
 STILL = dataclasses.replace(IN_PLANE, rotations=())

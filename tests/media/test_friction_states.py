@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 import granphon as gp
+from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.stencils import Stencils
 from granphon.array.stepper import Stepper
-from granphon.array.steps import ReducedLoad
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
 from granphon.dynamics.tensors import symmetrise

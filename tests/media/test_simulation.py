@@ -19,8 +19,8 @@ from scipy import stats
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
+from granphon.array.geometry import ReducedLoad
 from granphon.array.sample import STEP
-from granphon.array.steps import ReducedLoad
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.tensors import bulk_and_shear

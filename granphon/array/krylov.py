@@ -1,0 +1,217 @@
+"""Krylov methods for the linear equations of an array of balls, C^T K C u = f: conjugate gradients, and GMRES.
+
+Conjugate gradients solve symmetric systems. GMRES, the method of minimal residuals (Y. Saad and M. H. Schultz, SIAM J. Sci.
+Stat. Comput. 7, 856 (1986)), solves those that are not, preconditioned from the right. Steps of Newton's method need few
+digits and few iterations: vectors of GMRES are in single precision, and an iteration costs little beside its product.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.contact_operator import ContactHessian
+from granphon.array.stencils import Motion, dot
+
+Array = NDArray[np.float64]
+Values = NDArray[Any]
+Single = NDArray[Any]
+Map = Callable[[Values], Values]
+#: largest number of iterations in one step of Newton's method
+_MOST_ITERATIONS = 3000
+#: number of elements of vectors that are worked on at a time, so that they stay in the processor's cache
+_CACHED = 2**15
+#: vectors kept, after which the method starts again
+_KEPT = 60
+#: elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait for each other, and their
+#: number changes the last digit
+_ONE_THREAD = 9216
+#: length of the parts of vectors in such products, at most
+_LONGEST = 1024
+#: part of a vector's length that is left by the projection on those before it, below which it is projected once more
+_CANCELLED = 0.1
+#: part of it that is nothing but rounding: the vector then lies among those before it
+_ROUNDING = float(np.finfo(np.float32).eps)
+
+
+def conjugate_gradients(
+    apply: Map,
+    precondition: Map,
+    right: Values,
+    reduction: float,
+    most: int,
+    floor: float = 0.0,
+    of_residual: bool = False,
+) -> tuple[Values, int, bool]:
+    """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by ``reduction``.
+
+    If ``of_residual`` is true, it is the norm of the residual that has to fall, which saves the last use of the
+    preconditioner. Vectors have the precision of ``right``. Returns the solution, the number of iterations, and whether all
+    curvatures met were above zero: if not, the solution is that before the first that was not. ``floor`` is the square of
+    the norm below which the rest is rounding.
+    """
+    found, left = np.zeros_like(right), right.copy()
+    aim, product = reduction**2 * dot(right, right) if of_residual else math.inf, 0.0
+    way = np.zeros_like(right)
+    for count in range(most + 1):
+        if of_residual and dot(left, left) <= max(aim, floor):
+            return found, count, True
+        better = precondition(left)
+        last, product = product, dot(left, better)
+        if not of_residual:
+            aim = reduction**2 * product if aim == math.inf else aim
+            if product <= max(aim, floor):
+                return found, count, True
+        if count == most:
+            break
+        _scale_and_add(way, product / last if count else 0.0, better)
+        change = apply(way)
+        curvature = dot(way, change)
+        if curvature <= 0.0:
+            return found, count, False
+        length = product / curvature
+        _add(found, length, way)
+        _add(left, -length, change)
+    return found, most, True
+
+
+def solve_for_motion(
+    product: ContactHessian, force: Motion, precondition: Map, reduction: float, stiffness: float | None
+) -> tuple[Motion, int]:
+    """Solve C^T K C u = ``force``, and return u with the number of iterations.
+
+    The residual falls by ``reduction``, or the iteration ends at its largest number, from where Newton's method goes on.
+    With a ``stiffness``, the mean of those of all contacts, the compression is an unknown too.
+    """
+    shape, size = force.balls.shape, force.balls.size
+    if stiffness is None:
+        balls, count, _ = conjugate_gradients(
+            lambda balls: product(balls)[0], precondition, force.balls, reduction, _MOST_ITERATIONS, of_residual=True
+        )
+        return Motion(balls, 0.0), count
+
+    root = math.sqrt(product.n_contacts)  # over which what the contacts lack in sum is as large as forces on balls
+
+    def join(balls: Values, press: float) -> Values:
+        out = np.empty(size + 1, balls.dtype)
+        out[:size], out[size] = balls.ravel(), press
+        return out
+
+    def apply(vector: Values) -> Values:
+        change, push = product(vector[:size].reshape(shape), float(vector[size]) / root)
+        return join(change, push / root)
+
+    def invert(vector: Values) -> Values:
+        return join(precondition(vector[:size].reshape(shape)), float(vector[size]) / stiffness)
+
+    right = join(force.balls, force.compression / root)
+    found, count, _ = conjugate_gradients(apply, invert, right, reduction, _MOST_ITERATIONS, of_residual=True)
+    return Motion(found[:size].reshape(shape), float(found[size]) / root), count
+
+
+def _add(vector: Values, factor: float, other: Values) -> None:
+    """Add a multiple of another vector to a vector."""
+    one, two = vector.reshape(-1), other.reshape(-1)
+    for low in range(0, one.size, _CACHED):
+        part = one[low : low + _CACHED]
+        np.add(part, factor * two[low : low + _CACHED], out=part)
+
+
+def _scale_and_add(vector: Values, factor: float, other: Values) -> None:
+    """Multiply a vector by a factor, and add another to it."""
+    one, two = vector.reshape(-1), other.reshape(-1)
+    for low in range(0, one.size, _CACHED):
+        part = one[low : low + _CACHED]
+        np.multiply(part, factor, out=part)
+        np.add(part, two[low : low + _CACHED], out=part)
+
+
+def solve_by_minimal_residuals(
+    apply: Map, precondition: Map, right: Array, reduction: float, most: int
+) -> tuple[Array, int]:
+    """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, ``most`` of them at most.
+
+    A and the preconditioner take and return flat arrays in single precision. Of a part of ``right`` that A cannot reach
+    nothing is found.
+    """
+    size, taken = math.sqrt(dot(right, right)), 0
+    found = np.zeros_like(right)
+    if not size:
+        return found, 0
+    rest, left = (right / size).astype(np.float32), 1.0
+    while left > reduction and taken < most:
+        count, left, change = _cycle(apply, precondition, rest, reduction, min(_KEPT, most - taken))
+        if not count:  # what is left is out of reach of A
+            break
+        found += change
+        taken += count
+        if left > reduction:
+            rest = rest - apply(change)
+    return size * found, taken
+
+
+def _cycle(apply: Map, precondition: Map, rest: Single, reduction: float, kept: int) -> tuple[int, float, Single]:
+    """Return the number of iterations of one cycle, the norm of the residual and the change of the solution."""
+    first, size = math.sqrt(dot(rest, rest)), rest.size
+    basis, ways = np.empty((2, kept + 1, -(-size // _LONGEST) * _LONGEST), np.float32)
+    basis[0, :size], basis[0, size:], ways[:, size:] = rest / np.float32(first), 0.0, 0.0
+    triangle: list[list[float]] = []
+    turns: list[tuple[float, float]] = []
+    turned = [first]
+    for column in range(kept):
+        ways[column, :size] = precondition(basis[column, :size])
+        new, old = basis[column + 1], basis[: column + 1]
+        new[:size], new[size:] = apply(ways[column, :size]), 0.0
+        line, height = _project(old, new)
+        whole = before = math.hypot(*line, height)
+        while _ROUNDING * whole < height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
+            before = height
+            parts, height = _project(old, new)
+            line = [one + part for one, part in zip(line, parts, strict=True)]
+        height = height if height > _ROUNDING * whole else 0.0
+        for row, (c, s) in enumerate(turns):
+            line[row], line[row + 1] = c * line[row] + s * line[row + 1], c * line[row + 1] - s * line[row]
+        length = math.hypot(line[column], height)
+        if not 0.0 < length < math.inf:
+            break
+        c, s = line[column] / length, height / length
+        line[column] = length
+        triangle.append(line)
+        turns.append((c, s))
+        turned[column:] = c * turned[column], -s * turned[column]
+        if abs(turned[-1]) <= reduction or not height:
+            break
+        np.divide(new, np.float32(height), out=new)
+    count = len(triangle)
+    weights = [0.0] * count
+    for row in reversed(range(count)):
+        known = sum(triangle[column][row] * weights[column] for column in range(row + 1, count))
+        weights[row] = (turned[row] - known) / triangle[row][row]
+    return count, abs(turned[count]), _combine(np.array(weights, np.float32), ways[:count])[:size]
+
+
+def _project(old: Single, new: Single) -> tuple[list[float], float]:
+    """Take its parts along ``old`` (n, size) off a vector; return these n numbers, and the length of what is left."""
+    blocks = _divide(old)
+    parts = np.sum(blocks @ new.reshape(len(blocks), -1, 1), axis=0)[:, 0]
+    new -= _combine(parts, old)
+    return parts.tolist(), math.sqrt(dot(new, new))
+
+
+def _combine(weights: Single, vectors: Single) -> Single:
+    """Return the sum of vectors (n, size) times their weights."""
+    if len(vectors) == 1:  # BLAS is slow with a single one
+        return np.asarray(weights[0] * vectors[0])
+    return np.ravel(weights @ _divide(vectors))
+
+
+def _divide(vectors: Single) -> Single:
+    """Return a view (parts, n, length) of vectors (n, size), in which each part is small enough for one thread."""
+    length = _LONGEST
+    while len(vectors) * length >= _ONE_THREAD:
+        length //= 2
+    return vectors.reshape(len(vectors), vectors.shape[1] // length, length).swapaxes(0, 1)
