@@ -923,7 +923,7 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     (sample,) = simulation.at_force(0.08 * packing.law.coefficient * packing.width**1.5).samples
     at_once = sample.respond("slide").elastic_tensor
     # as in a larger array: iterations without factors would be twenty thousand
-    monkeypatch.setattr(linear_response, "_is_small", lambda frame: False)
+    monkeypatch.setattr(linear_response, "_MOST_AT_ONCE", (0, 0))
     monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 600)
     without = sample.respond("slide").elastic_tensor
     np.testing.assert_allclose(without, at_once, rtol=0.0, atol=1e-9 * np.max(at_once))
@@ -935,7 +935,7 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
     packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice)
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
     factorised = sample.elastic_tensor
-    monkeypatch.setattr(linear_response, "_is_small", lambda frame: False)
+    monkeypatch.setattr(linear_response, "_MOST_AT_ONCE", (0, 0))
     iterated = dataclasses.replace(sample).elastic_tensor
     np.testing.assert_allclose(iterated, factorised, rtol=0.0, atol=1e-12 * np.max(factorised))
     assert not np.array_equal(iterated, factorised)
