@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
 from granphon.runs import MOST_WORKERS
 
@@ -26,13 +27,48 @@ Exit codes:
   2    the input or the command line is wrong
   130  interrupted"""
 
+
+class _Grouped:
+    """Help in groups, as plain text: commands and options stand under the ``rich_help_panel`` that they name.
+
+    Typer itself has groups only in the boxes that rich draws, which a screen reader and a file do not need, and rich would
+    be loaded for every help.
+    """
+
+    def format_options(self: Any, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, the options without a group, and then the other options and the subcommands by groups."""
+        entries: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for one in self.get_params(ctx):
+            if record := one.get_help_record(ctx):
+                plain = "Arguments" if one.param_type_name == "argument" else "Options"
+                # the type of a value, as "<str>", says nothing beside its name
+                row = re.sub(r" <[\w\[\]]+>", "", record[0]), record[1]
+                entries.setdefault(getattr(one, "rich_help_panel", None) or plain, []).append(row)
+        found = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)} if hasattr(self, "commands") else {}
+        room = formatter.width - 6 - max(map(len, found), default=0)
+        for name, one in found.items():
+            entries.setdefault(one.rich_help_panel, []).append((name, one.get_short_help_str(room)))
+        for group, rows in entries.items():
+            if rows:
+                with formatter.section(group):
+                    formatter.write_dl(rows)
+
+
+class _GroupedCommand(_Grouped, TyperCommand):
+    """A subcommand."""
+
+
+class _GroupedGroup(_Grouped, TyperGroup):
+    """A command with subcommands."""
+
+
 #: the command ``granphon``; the modules beside this one add their subcommands to it
 app = typer.Typer(
-    cls=GroupedGroup, rich_markup_mode=None, pretty_exceptions_enable=False,
+    cls=_GroupedGroup, rich_markup_mode=None, pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )  # fmt: skip
 #: what adds a subcommand to :data:`app`: a name, and the group of the help in which it stands, ``rich_help_panel``
-command = partial(app.command, cls=GroupedCommand)
+command = partial(app.command, cls=_GroupedCommand)
 
 
 def _print_version(wanted: bool) -> None:

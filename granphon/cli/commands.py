@@ -14,7 +14,7 @@ from typing import Any
 import typer
 
 from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning
-from granphon.cli import doctor, modes, pages, scenes, studies  # noqa: F401  importing them adds their commands to app
+from granphon.cli import doctor, pictures, scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 
@@ -26,39 +26,31 @@ _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ ==
 
 
 @contextmanager
-def _take_termination_for_interruption() -> Iterator[None]:
-    """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is cleaned up."""
+def _take_signals_and_warnings() -> Iterator[None]:
+    """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is cleaned up.
 
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
+    A warning about a file that carries no digest is printed as one line; other warnings are shown as usual.
+    """
+    show = warnings.showwarning
 
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, stop)
+    def tell(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+    ) -> None:
+        if issubclass(category, UnverifiedFileWarning):
+            warn([str(message)])
+        else:
+            show(message, category, filename, lineno, file, line)
+
+    is_main = threading.current_thread() is threading.main_thread()  # no other thread may set a handler
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler) if is_main else None
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", UnverifiedFileWarning)
+            warnings.showwarning = tell
+            yield
     finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _tell_unverified_files() -> Iterator[None]:
-    """Print one line for each warning about a file that carries no digest; show other warnings as usual."""
-    with warnings.catch_warnings():
-        show = warnings.showwarning
-
-        def tell(
-            message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
-        ) -> None:
-            if issubclass(category, UnverifiedFileWarning):
-                warn([str(message)])
-            else:
-                show(message, category, filename, lineno, file, line)
-
-        warnings.simplefilter("always", UnverifiedFileWarning)
-        warnings.showwarning = tell
-        yield
+        if is_main:
+            signal.signal(signal.SIGTERM, before)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -67,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Errors of the input, the file system and the computation become messages; any other exception is a bug and is raised.
     """
     try:
-        with _take_termination_for_interruption(), _tell_unverified_files():
+        with _take_signals_and_warnings():
             code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
         if sys.stdout is not None:  # None if it was closed before Python started
             sys.stdout.flush()

@@ -54,7 +54,7 @@ def describe_system() -> None:
 
     say(f"granphon {__version__}")
     say_table([
-        ("Python", f"{platform.python_version()} ({platform.python_implementation()}, {8 * _pointer_bytes()} bits)"),
+        ("Python", f"{platform.python_version()} ({platform.python_implementation()}, {sys.maxsize.bit_length() + 1} bits)"),
         ("system", f"{platform.system()} {platform.release()}, {platform.machine()}"),
         ("encoding", f"{getattr(sys.stdout, 'encoding', None)} (output), {sys.getfilesystemencoding()} (files)"),
     ])  # fmt: skip
@@ -63,13 +63,16 @@ def describe_system() -> None:
     say("Optional packages")
     say_table([(name, _try_optional(name, module)) for name, module in OPTIONAL.items()])
     say("Processors and memory")
-    say_table([*_describe_threads(), *_guard("BLAS", _describe_blas), *_guard("memory available", _describe_memory)])
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    said = [f"{name}={_hide_paths(os.environ[name])}" for name in _THREADS if name in os.environ]
+    say_table([
+        ("processors", f"{os.cpu_count()}, of which {usable} may be used"),
+        ("threads are set by", ", ".join(said) or "no variable of the environment"),
+        *_guard("BLAS", _describe_blas),
+        *_guard("memory available", _describe_memory),
+    ])  # fmt: skip
     say("Figures")
     say_table(_guard("matplotlib", _describe_fonts))
-
-
-def _pointer_bytes() -> int:
-    return int(math.log2(sys.maxsize + 1) + 1) // 8
 
 
 def _find_version(name: str, module: str) -> str:
@@ -122,15 +125,6 @@ def _guard(name: str, describe: Any) -> list[tuple[str, str]]:
     except Exception as error:
         return [(name, _hide_paths(f"not known ({type(error).__name__}: {error})"))]
     return rows
-
-
-def _describe_threads() -> list[tuple[str, str]]:
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    said = [f"{name}={_hide_paths(os.environ[name])}" for name in _THREADS if name in os.environ]
-    return [
-        ("processors", f"{os.cpu_count()}, of which {usable} may be used"),
-        ("threads are set by", ", ".join(said) or "no variable of the environment"),
-    ]
 
 
 def _describe_blas() -> list[tuple[str, str]]:

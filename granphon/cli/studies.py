@@ -17,7 +17,6 @@ from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
-    from granphon.media.friction_history import FrictionHistory
     from granphon.scene.scene import Scene
 
 
@@ -87,6 +86,13 @@ def fit_measurements(
     if files is not None:
         files.require_free()
     _require_one_packing("A fit", scene, read)
+    # the direction of the option, else that of the scene
+    along: Sequence[float] | None = read.directions[0] if len(read.directions) == 1 else None
+    if direction is not None:
+        along = require("--direction", _read_direction, direction)
+    elif len(read.directions) > 1:
+        why = "A fit takes sound along one direction"
+        raise InputError(message(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"))
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
     given = tuple(parameter or ())
@@ -115,8 +121,7 @@ def fit_measurements(
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
         measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
         medium=medium, parameters=tuple(dict.fromkeys(("width",) * width + given)), branch=branch,
-        direction=_choose_direction(scene, read, direction),
-        finite_overlap=read.finite_overlap,
+        direction=along, finite_overlap=read.finite_overlap,
     )  # fmt: skip
 
     def figure(_: str) -> Any:
@@ -128,10 +133,9 @@ def fit_measurements(
     if (count := len(read.load.values)) > 1:
         notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
     if direction is None and read.direction is None and not found.is_isotropic:
-        along = write_direction(found.waves.direction)
         notes.append(
-            f"sound in the lattice {found.packing.structure.name} depends on the direction, and none is given:"
-            f" the fit takes {along}. Give --direction, or direction in {scene}"
+            f"sound in the lattice {found.packing.structure.name} depends on the direction, and none is given: the fit"
+            f" takes {write_direction(found.waves.direction)}. Give --direction, or direction in {scene}"
         )
     failures: dict[str, str] = {}
     if files is not None:
@@ -140,22 +144,6 @@ def fit_measurements(
     with _tell_study(out, FIT_FILES, failures, quiet=False):
         warn((*notes, *found.warnings, *failures.values()))
         say_table(describe_fit(found))
-
-
-def _choose_direction(scene: str, read: Scene, option: str | None) -> Sequence[float] | None:
-    """Return the direction of the option, else that of the scene; None if neither says one.
-
-    :class:`InputError` if the scene has several.
-    """
-    from granphon.base.validation import require
-
-    if option is not None:
-        given: list[float] = require("--direction", _read_direction, option)
-        return given
-    if len(read.directions) > 1:
-        why = "A fit takes sound along one direction"
-        raise InputError(message(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"))
-    return read.directions[0] if read.directions else None
 
 
 def _read_direction(value: str) -> list[float]:
@@ -199,7 +187,7 @@ def measure_tradeoff(
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.cli.wording import describe_tradeoff
-    from granphon.media.friction_history import REFERENCE_OPTIONS
+    from granphon.media.friction_history import REFERENCE_OPTIONS, REST
     from granphon.runs.schedulers import open_executor, require_workers
     from granphon.runs.store import open_store
     from granphon.scene.result_files import WORK_FILE
@@ -215,7 +203,12 @@ def measure_tradeoff(
         files.require_free()
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
-    truth = _find_truth(scene, read).options
+    # the truth that the media name: arrays at rest without friction, unless one has a history
+    loaded = list(dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)) or [REST]
+    if len(loaded) > 1:
+        what = f"the media of {scene} are loaded with friction in {len(loaded)} ways"
+        raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))
+    truth = loaded[0].options
     given: dict[str, Any] = {load.kind: load.values, **{name: truth[name] for name in REFERENCE_OPTIONS}}
     work = None if out is None else Path(out) / WORK_FILE
     failures: dict[str, str] | None = None
@@ -253,17 +246,6 @@ def measure_tradeoff(
         warn(tuple(failures.values()))
         for line in () if quiet else describe_tradeoff(found, read.packing.structure.periods):
             say(line)
-
-
-def _find_truth(scene: str, read: Scene) -> FrictionHistory:
-    """Return the truth that the media of a scene name: arrays at rest without friction, unless one has a history."""
-    from granphon.media.friction_history import REST
-
-    found = list(dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)) or [REST]
-    if len(found) > 1:
-        what = f"the media of {scene} are loaded with friction in {len(found)} ways"
-        raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))
-    return found[0]
 
 
 def _stage_study(locked: ResultFiles, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:

@@ -11,14 +11,11 @@ from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
 if TYPE_CHECKING:
-    from granphon.balls.loads import Load
-    from granphon.balls.packing import Packing
     from granphon.fits.fit import WidthFit
-    from granphon.media.choice import ServingMedium
     from granphon.media.cost import Cost
     from granphon.scene.results import RunResult
     from granphon.scene.scene import Scene
-    from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
+    from granphon.tradeoffs.measure import TradeOff
 
 
 def write_range(value: Any, unit: str) -> str:
@@ -33,50 +30,44 @@ def _flatten(value: Any) -> list[float]:
     return [x for one in plain for x in _flatten(one)] if isinstance(plain, Sequence) else [plain]
 
 
-def _describe_load(load: Load, periods: int) -> str:
-    frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
-    unit, kind, count = load_quantities(periods)[load.kind].unit, load.kind.replace("_", " "), len(load.values)
-    return f"{counted(count, kind) + ',' if count > 1 else kind} {write_range(load.values, unit)}{frame}"
-
-
-def _describe_spread(packing: Packing) -> str:
-    """Form of the spread, and its W: the full width of a uniform spread; for others W = sqrt(12) times the rms deviation."""
-    if not packing.width:
-        return "none"
-    form, width = type(packing.spread).__name__.lower(), write_quantity(packing.width, "m")
-    if form == "uniform":
-        return f"{form}, W = {width} (the mean +/- {write_quantity(packing.width / 2.0, 'm')})"
-    return f"{form}, W = {width} (sqrt(12) times the rms, {write_quantity(packing.width / math.sqrt(12.0), 'm')})"
-
-
-def _describe_resistance(packing: Packing) -> list[str]:
-    """What contacts resist besides compression and shear: torsion and bending, with their stiffness over k d^2."""
-    given = {name: getattr(packing, name) for name in ("torsion", "bending")}
-    return [
-        f"{name} as Hertz contacts that do not slip" if isinstance(value, str) else f"{name}, {value:g} k d^2"
-        for name, value in given.items()
-        if value
-    ]
-
-
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     """Rows that describe a scene: names, and values in readable units."""
-    packing, material = scene.packing, scene.packing.material
+    packing, material, load = scene.packing, scene.packing.material, scene.load
     elastic = f"E = {write_quantity(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
     yields = "" if material.yield_strength is None else f", yields at {write_quantity(material.yield_strength, 'Pa')}"
     friction = "with friction" if packing.friction else "without friction"
     same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
+    # what contacts resist besides compression and shear
+    given = {name: getattr(packing, name) for name in ("torsion", "bending")}
+    resists = [
+        f"{name} as Hertz contacts that do not slip" if isinstance(value, str) else f"{name}, {value:g} k d^2"
+        for name, value in given.items()
+        if value
+    ]
+    spread = "none"
+    if packing.width:  # W is the full width of a uniform spread; for others it is sqrt(12) times the rms deviation
+        form, half = type(packing.spread).__name__.lower(), write_quantity(packing.width / 2.0, "m")
+        rms = write_quantity(packing.width / math.sqrt(12.0), "m")
+        form_of_width = f"the mean +/- {half}" if form == "uniform" else f"sqrt(12) times the rms, {rms}"
+        spread = f"{form}, W = {write_quantity(packing.width, 'm')} ({form_of_width})"
+    frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
+    unit, kind = load_quantities(packing.structure.periods)[load.kind].unit, load.kind.replace("_", " ")
+    count = len(load.values)
+    loads = f"{counted(count, kind) + ',' if count > 1 else kind} {write_range(load.values, unit)}{frame}"
     rows = [
         ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
         ("packing", f"{packing.structure.name}, balls of {write_quantity(packing.diameter, 'm')}, {friction}"),
-        *([("contacts", f"resist {' and '.join(resists)}")] if (resists := _describe_resistance(packing)) else []),
+        *([("contacts", f"resist {' and '.join(resists)}")] if resists else []),
         *([("motions", packing.motions.replace("_", " "))] if packing.motions else []),
-        ("spread", _describe_spread(packing)),
-        ("load", _describe_load(scene.load, packing.structure.periods)),
+        ("spread", spread),
+        ("load", loads),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
     if scene.is_single and scene.plan.serving.chosen_automatically:
-        rows.append(("chosen", describe_choice(scene.plan.serving)))
+        serving = scene.plan.serving
+        error = float(serving.errors[0])
+        told = f"expected error {error:.2g} against {serving.truth}" if error else "exact for equal balls"
+        rows.append(("chosen", f"{serving.medium.label}, {told}"))
     if not scene.is_single:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
@@ -114,13 +105,6 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     return rows
 
 
-def describe_choice(serving: ServingMedium) -> str:
-    """Text of the medium that an automatic medium has chosen, and of its expected relative error and against what."""
-    error = float(serving.errors[0])
-    told = f"expected error {error:.2g} against {serving.truth}" if error else "exact for equal balls"
-    return f"{serving.medium.label}, {told}"
-
-
 def describe_cost(cost: Cost) -> str:
     """Text of the memory and time that some work will take."""
     return f"{cost.text} on one processor"
@@ -136,19 +120,14 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     for name in CATALOGUE:
         one = result.entry(name)
         if one is not None and one.told and name in numbers:
-            said = _write_result(numbers[name], numbers.get(f"{name}_error"), one.unit)
+            # a value, or the ends of several, with their standard errors if these are known
+            said, error = write_range(numbers[name], one.unit), numbers.get(f"{name}_error")
+            if error is not None:
+                values, errors = _flatten(numbers[name]), _flatten(error)
+                several = f"{said} +/- {write_range(errors, one.unit)}"
+                said = write_uncertain(values[0], errors[0], one.unit) if len(values) == 1 else several
             rows.append((one.label.lower(), said + (along if one.unit == "m/s" else "")))
     return rows
-
-
-def _write_result(value: Any, error: Any, unit: str) -> str:
-    """Text of a value, or of the ends of several, with their standard errors if these are known."""
-    if error is None:
-        return write_range(value, unit)
-    values, errors = _flatten(value), _flatten(error)
-    if len(values) == 1:
-        return write_uncertain(values[0], errors[0], unit)
-    return f"{write_range(values, unit)} +/- {write_range(errors, unit)}"
 
 
 def write_direction(given: Any) -> str:
@@ -190,7 +169,16 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     runs = counted(result.runs, "warm run")
     lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
     for study in result.studies:
-        rows = [heads, *(_write_point(point) for point in result.of(study))]
+        rows: list[tuple[str, ...]] = [heads]
+        for point in result.of(study):
+            if point.failure and not point.seconds:
+                rows.append((point.method, point.knob, *[""] * 8, point.failure))
+                continue
+            times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
+            error = f"{point.error:.2e}" if point.errors.size else "?"
+            found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
+            floor = f"{point.floor:.0e}"
+            rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), floor, point.note))
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
         lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
         lines += [
@@ -199,20 +187,3 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
         if study in result.references:
             lines.append(f"  reference: {result.references[study]}")
     return [*lines, "", f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}"]
-
-
-def _write_point(point: MeasuredPoint) -> tuple[str, ...]:
-    if point.failure and not point.seconds:
-        return point.method, point.knob, *[""] * 8, point.failure
-    times = (write_quantity(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
-    return (
-        point.method,
-        point.knob,
-        f"{point.error:.2e}" if point.errors.size else "?",
-        f"{point.stderr:.0e}" if point.stderr else "",
-        str(point.draws),
-        *times,
-        write_quantity(point.memory, "B"),
-        f"{point.floor:.0e}",
-        point.note,
-    )

@@ -48,14 +48,9 @@ def wrap_three() -> str:
     """Return three.js, of two modules, as a script that defines the object ``THREE``."""
     core = _GIVEN.sub(lambda found: f"return{{{_swap(found[1])}}};", read_asset("vendor/three.core.min.js"))
     module = read_asset("vendor/three.module.min.js")
-    module = _TAKEN.sub(lambda found: f"const{{{_rename(found[1])}}}=core;", module)
+    module = _TAKEN.sub(lambda found: f"const{{{found[1].replace(' as ', ':')}}}=core;", module)
     module = _GIVEN.sub(lambda found: f"return{{...core,{_swap(found[1])}}};", _PASSED_ON.sub("", module))
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
-
-
-def _rename(names: str) -> str:
-    """Return "A:b,C", the names that are taken out of an object, for the "A as b,C" of an import."""
-    return names.replace(" as ", ":")
 
 
 def _swap(names: str) -> str:

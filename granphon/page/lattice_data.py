@@ -31,6 +31,14 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     whole = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
     table, p = whole.contacts, structure.periods
     reciprocal = whole.reciprocal
+    labels, pieces = list(path.labels or ()), []
+    for points in path.arrays:
+        names = [labels.pop(0) for _ in points] if path.labels else [" ".join(f"{x:.3g}" for x in q) for q in points]
+        pieces.append({"points": points.tolist(), "labels": names})
+    if p == 3:
+        faces = [face.tolist() for face in zone_faces(reciprocal)]
+    else:  # one, in the plane
+        faces = [_pad(zone_polygon(reciprocal) if p == 2 else np.array([[-0.5], [0.5]]) * reciprocal[0]).tolist()]
     return {
         "name": structure.name,
         "periods": p,
@@ -49,8 +57,8 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
             for row in (*whole.rows, *push_rows(table.normal, ALL))
         ],
         "motions": [_describe_motions(structure, motions) for motions in allowed_motions(structure.dimension).values()],
-        "path": _describe_path(path),
-        "zone": _find_outline(reciprocal),
+        "path": pieces,
+        "zone": faces,
     }  # fmt: skip
 
 
@@ -75,21 +83,3 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
         "name": motions.name, "translations": list(motions.translations), "rotations": list(motions.rotations),
         "twist": motions.twist, "waves": list(lattice.wave_names), "statements": statements,
     }  # fmt: skip
-
-
-def _describe_path(path: BandPath) -> list[dict[str, Any]]:
-    """Return the pieces of a path, with the label of each corner."""
-    labels, pieces = list(path.labels or ()), []
-    for points in path.arrays:
-        names = [labels.pop(0) for _ in points] if path.labels else [" ".join(f"{x:.3g}" for x in q) for q in points]
-        pieces.append({"points": points.tolist(), "labels": names})
-    return pieces
-
-
-def _find_outline(reciprocal: Array) -> list[list[list[float]]]:
-    """Return the faces of the Brillouin zone, in the unit of the reciprocal vectors: one in the plane."""
-    p = len(reciprocal)
-    if p == 3:
-        return [face.tolist() for face in zone_faces(reciprocal)]
-    outline = zone_polygon(reciprocal) if p == 2 else np.array([[-0.5], [0.5]]) * reciprocal[0]
-    return [_pad(outline).tolist()]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -98,15 +99,17 @@ def tabulate_medium(
     if laws[0] is None:  # the load alone fixes the force of every contact
         return found
     curves = [_follow(law) for law in laws if law is not None]
-    low = max(_find_start(curve, np.log(least_force)) for curve in curves)
+    start = _find_start(lambda x: [curve(np.array([x])) for curve in curves], np.log(least_force), PrecisionError)
+    if start is None:
+        raise PrecisionError("the medium has no solution at any load of the page.")
     between = [0.5 * (one + other) for one, other in itertools.pairwise(roots)]
     checks = [(root, _follow(law)) for root in between if (law := _make_law(packing, choice, root**2)) is not None]
     if name == "ema":
-        change = _find_effect_of_rolling(packing, choice, most_rolling, low)
+        change = _find_effect_of_rolling(packing, choice, most_rolling, start)
         told = f"up to {100.0 * change:.2g} %" if change >= _NOTED else f"less than {100.0 * _NOTED:g} %"
         note += f" In the medium they would change the stiffness by {told}." if change else ""
     valid = {"afa": high_pressure_overlap(1.0) ** 1.5, "ema": VALID_FORCE, "cluster": VALID_CLUSTER_FORCE}[name]
-    return found | _tabulate(curves, roots, low, 1.5 * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
+    return found | _tabulate(curves, roots, start, 1.5 * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
 
 
 _SIMULATION_NOTE = (
@@ -202,15 +205,13 @@ def _follow(law: Law) -> _Curve:
     return curve
 
 
-def _find_start(curve: _Curve, low: float) -> float:
-    """Return the least ln f* from ``low`` on, in steps of a quarter, at which a curve has a value."""
+def _find_start(find: Callable[[float], Any], low: float, refusal: type[InputError]) -> float | None:
+    """Return the least ln f* from ``low`` on, in steps of a quarter, at which ``find`` raises no ``refusal``."""
     for x in np.arange(low, 5.0, 0.25):
-        try:
-            curve(np.array([x]))
-        except PrecisionError:
-            continue
-        return float(x)
-    raise PrecisionError("the medium has no solution at any load of the page.")
+        with suppress(refusal):
+            find(x)
+            return float(x)
+    return None
 
 
 def _tabulate(
@@ -250,17 +251,6 @@ def _place_nodes(curves: list[_Curve], low: float, high: float) -> tuple[Array, 
         x = np.sort(np.concatenate([x, middle[worse]]))
 
 
-def _find_first_load(medium: Any, low: float, units: WidthUnits) -> float:
-    """Return the least ln f* from ``low`` on, in steps of a quarter, to which samples can be loaded: the start, or above."""
-    for x in np.arange(low, 5.0, 0.25) if medium.friction_history else ():
-        try:
-            medium.at_force(np.exp(x) * units.force)
-        except InputError:  # below the start
-            continue
-        return float(x)
-    return low
-
-
 def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Curve, float, float, float]:
     """Return the curve of a simulation, a spline through some loads, the ends of ln f*, and the error of half as many."""
     from scipy.interpolate import CubicSpline
@@ -271,7 +261,10 @@ def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Cu
     balls = replace(packing, spread=change_width(spread, width))
     units = WidthUnits(packing.law.coefficient, width)
     medium: Any = choice.of(balls)
-    x = np.linspace(_find_first_load(medium, np.log(max(least, 1e-2)), units), 1.5 * np.log(30.0), _SIMULATED)
+    low = np.log(max(least, 1e-2))
+    if medium.friction_history:  # samples can be loaded from their start on
+        low = _find_start(lambda x: medium.at_force(np.exp(x) * units.force), low, InputError) or low
+    x = np.linspace(low, 1.5 * np.log(30.0), _SIMULATED)
     state = medium.at_force(np.exp(x) * units.force)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)

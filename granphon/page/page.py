@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -70,12 +71,18 @@ def describe_page(
             words = f"{WORDS[serving.name]} ({serving.label})"
             notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)
-    for value in load.applied.flat.array if load.size <= 2 else load.applied.flat.array[[0, *_find_ends(load)]]:
+    for value in (
+        load.applied.flat.array
+        if load.size <= 2
+        else load.applied.flat.array[[0, np.argmin(load.array), np.argmax(load.array)]]
+    ):
         state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
         forces.append(float(state.force))
     if packing.spread is None and [one.name for one in chosen] == ["ala"] and structure.periods > 1:
         chosen = [MediumChoice("ema")]  # that of balls that differ, once the slider makes them so; equal ones are the same
-    least, most = _find_forces(packing, forces)
+    # the ends of the slider of the load, N
+    most = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
+    least, most = _BELOW * min(forces), min(_ABOVE * max(forces), most)
     widest = (forces[0] / (_LEAST_REDUCED * law.coefficient)) ** (2.0 / 3.0)
     widest = min(max(widest, 2.0 * packing.width), 0.5 * packing.diameter)
     most_friction = max(1.0, packing.mindlin_ratio)
@@ -90,6 +97,9 @@ def describe_page(
         tables.append(table)
     if all(table["refusal"] for table in tables):
         widest = 0.0
+    pressure: float | None = None
+    with suppress(InputError):  # the stress of some lattices is not a pressure
+        pressure = packing.pressure_per_force
     along = as_direction((1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods)
     return {
         "schema": PAGE_SCHEMA,
@@ -100,7 +110,7 @@ def describe_page(
             "mindlin_ratio": packing.material.mindlin_ratio,
             "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),
         },
-        "pressure": _find_pressure(packing),
+        "pressure": pressure,
         "units": structure.units_of(("pressure", "modulus")),
         "media": tables,
         "limits": {
@@ -115,21 +125,3 @@ def describe_page(
         },
         "remarks": notes,
     }  # fmt: skip
-
-
-def _find_ends(load: Load) -> list[int]:
-    return [int(np.argmin(load.array)), int(np.argmax(load.array))]
-
-
-def _find_forces(packing: Packing, forces: Sequence[float]) -> tuple[float, float]:
-    """Return the ends of the slider of the load, N."""
-    most = max(float(packing.law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
-    return _BELOW * min(forces), min(_ABOVE * max(forces), most)
-
-
-def _find_pressure(packing: Packing) -> float | None:
-    """Return pressure over force, SI; None if the stress of the lattice is not a pressure."""
-    try:
-        return packing.pressure_per_force
-    except InputError:
-        return None

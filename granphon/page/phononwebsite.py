@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.compatibility import GYRATION
@@ -25,12 +23,7 @@ _REPETITIONS = {1: 10, 2: 6, 3: 3}
 
 
 def write_phononwebsite(bands: Bands, name: str) -> str:
-    """Return the text of the JSON file of :func:`describe_for_phononwebsite`."""
-    return json.dumps(describe_for_phononwebsite(bands, name), allow_nan=False, separators=(",", ":")) + "\n"
-
-
-def describe_for_phononwebsite(bands: Bands, name: str) -> dict[str, Any]:
-    """Return bands in the layout that phononwebsite reads.
+    """Return the text of a JSON file with bands in the layout that phononwebsite reads.
 
     Each ball is an atom, Fe. A ball that turns carries two atoms more, H, as marks: they move by u + phi x r, with r from
     the centre of the ball. Vectors are displacements, with the phase of the ball in its cell: in the cell n they are to be
@@ -45,13 +38,21 @@ def describe_for_phononwebsite(bands: Bands, name: str) -> dict[str, Any]:
     centres = bands.positions @ bands.cell
     marks = _MARKS if motions.rotate else np.zeros((0, 3))
     s, points, b = bands.frequencies.shape
-    vectors = np.stack([_move_ball(bands, ball, marks) for ball in range(len(centres))], axis=3)
-    vectors = vectors.reshape(s * points, b, -1, 3)
+    moved = []
+    for ball in range(len(centres)):  # the displacements (s, points, b, 3) of a ball, and of the marks on it
+        own = bands.eigenvectors.reshape(s, points, -1, motions.count, b)[:, :, ball] / np.sqrt(bands.masses[ball])
+        phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
+        own = np.moveaxis(own * phase[:, :, None, None], 2, 3)
+        shift, turn = (np.zeros((s, points, b, 3), complex) for _ in range(2))
+        shift[..., list(motions.translations)] = own[..., motions.translating]
+        turn[..., list(motions.rotations)] = own[..., motions.turning] / GYRATION
+        moved += [shift, *(shift + np.cross(turn, mark) for mark in marks)]
+    vectors = np.stack(moved, axis=3).reshape(s * points, b, -1, 3)
     places = np.concatenate([centre + np.concatenate([np.zeros((1, 3)), marks]) for centre in centres])
     kinds = [_BALL, *[_MARK] * len(marks)] * len(centres)
     labels = [(n * points, label) for n, label in enumerate(one.split("|")[-1] for one in bands.labels[:-1])]
     ends = [(n * points + points - 1, one.split("|")[0]) for n, one in enumerate(bands.labels[1:])]
-    return {
+    data = {
         "name": f"{name} (frequencies in {unit.name})", "formula": "Fe", "natoms": len(kinds),
         "lattice": (_DIAMETER * cell).tolist(),
         "atom_types": [symbol for symbol, _ in kinds], "atom_numbers": [number for _, number in kinds],
@@ -64,16 +65,4 @@ def describe_for_phononwebsite(bands: Bands, name: str) -> dict[str, Any]:
         "line_breaks": [[n * points, (n + 1) * points] for n in range(s)],
         "highsym_qpts": [[index, label] for index, label in sorted({**dict(ends), **dict(labels)}.items())],
     }  # fmt: skip
-
-
-def _move_ball(bands: Bands, ball: int, marks: NDArray[Any]) -> NDArray[Any]:
-    """Return the displacements (s, p, b, 1 + marks, 3) of a ball and of the marks on it."""
-    motions, (s, p, b) = bands.motions, bands.frequencies.shape
-    own = bands.eigenvectors.reshape(s, p, -1, motions.count, b)[:, :, ball] / np.sqrt(bands.masses[ball])
-    phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
-    own = np.moveaxis(own * phase[:, :, None, None], 2, 3)
-    shift, turn = (np.zeros((s, p, b, 3), complex) for _ in range(2))
-    shift[..., list(motions.translations)] = own[..., motions.translating]
-    turn[..., list(motions.rotations)] = own[..., motions.turning] / GYRATION
-    moved = [shift, *(shift + np.cross(turn, mark) for mark in marks)]
-    return np.stack(moved, axis=3)
+    return json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n"

@@ -25,7 +25,7 @@ from granphon.media.choice import MediumChoice
 from granphon.page.bundle import fill_template, join_modules, read_asset
 from granphon.page.lattice_data import describe_lattice
 from granphon.page.page import describe_page, make_page
-from granphon.page.phononwebsite import describe_for_phononwebsite
+from granphon.page.phononwebsite import write_phononwebsite
 from granphon.phonons.paths import BandPath
 from tests.conftest import only
 from tests.test_structure import loaded_after
@@ -446,7 +446,7 @@ def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_
 def test_phononwebsite_moves_balls_and_marks_as_the_modes_do(lattice, motions):
     packing = replace(BALLS, lattice=lattice, motions=motions)
     bands = gp.Phonons(gp.AveragedLattice(packing).at_force(18.446)).bands(npoints=5)
-    data = describe_for_phononwebsite(bands, lattice)
+    data = json.loads(write_phononwebsite(bands, lattice))
     turns = bands.motions.rotate
     balls, per_ball = LATTICES[lattice].n_balls, 3 if turns else 1
     assert data["natoms"] == balls * per_ball == len(data["atom_types"]) == len(data["atom_pos_car"])

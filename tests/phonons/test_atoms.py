@@ -14,7 +14,7 @@ from ase.db import connect
 from ase.io.jsonio import decode, encode
 from ase.md.verlet import VelocityVerlet
 from ase.optimize import BFGS, FIRE
-from ase.vibrations import Vibrations, VibrationsData
+from ase.vibrations import VibrationsData
 
 import granphon as gp
 from granphon.base.errors import InputError
@@ -253,19 +253,6 @@ def test_extxyz_keeps_everything_to_eight_decimals(tmp_path):
     np.testing.assert_array_equal(ase.io.read(again).arrays["rotations"], back.arrays["rotations"])
 
 
-def test_extxyz_stores_the_results_with_the_balls(tmp_path):
-    state = at_overlap()
-    balls = marked(state)
-    balls.calc = gp.HertzMindlin(state)
-    energy, forces, stress = balls.get_potential_energy(), balls.get_forces(), balls.get_stress()
-    ase.io.write(tmp_path / "balls.extxyz", balls)
-    back = ase.io.read(tmp_path / "balls.extxyz")
-    assert not isinstance(back.calc, gp.HertzMindlin)
-    assert back.get_potential_energy() == pytest.approx(energy, rel=1e-12)
-    np.testing.assert_allclose(back.get_forces(), forces, atol=5.1e-9)
-    np.testing.assert_allclose(back.get_stress(), stress, rtol=1e-12)
-
-
 def test_json_of_todict_keeps_every_digit(tmp_path):
     # the one way through ASE without loss; a file holds the text
     state = at_overlap()
@@ -475,17 +462,3 @@ def test_vibrations_data_from_force_constants(name):
     unit = VibrationsData(Atoms("H", masses=[1.0]), np.eye(3).reshape(1, 3, 1, 3)).get_energies()[0].real
     np.testing.assert_allclose((energies / unit).real[2:], expected[2:], rtol=1e-12)
     np.testing.assert_allclose(np.abs(energies / unit)[:2], 0.0, atol=1e-7)
-
-
-def test_ase_vibrations_runs_its_own_differences(tmp_path):
-    # frictionless: ASE displaces x, y and z, and z has neither force nor stiffness, as w has none
-    state = at_overlap(friction=False, finite_overlap=True)
-    balls = gp.atoms(state).repeat((3, 3, 1))
-    balls.calc = gp.HertzMindlin(state)
-    run = Vibrations(balls, name=str(tmp_path / "vib"), delta=1e-4)
-    run.run()
-    hessian = run.get_vibrations().get_hessian()
-    exact = balls.calc.get_force_constants(balls).transpose(0, 2, 1, 3)
-    # relative error (delta / 2 overlap)^2 / 24 of the stiffest contact
-    np.testing.assert_allclose(hessian, exact, atol=1e-5)
-    np.testing.assert_array_equal(hessian[:, 2], 0.0)

@@ -9,7 +9,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
-from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force
+from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
 
 # -- bands --------------------------------------------------------------------------------------------------------------
 
@@ -66,19 +66,6 @@ def test_jumps(rough):
     assert rough.bands("GK,KM", npoints=3).labels == ("G", "K", "M")
 
 
-@pytest.mark.parametrize("lattice", ["square", "kagome"])
-def test_other_lattices_have_their_own_letters(lattice):
-    ph = gp.Phonons(at_force(lattice=lattice))
-    path = {"square": "GXMG", "kagome": "GKMG"}[lattice]
-    assert set(path) <= set(ph.special_points)
-    bands = ph.bands(path, npoints=5)
-    assert bands.n_branches == 3 * len(ph.atoms)
-    top = bands.frequencies.max()
-    np.testing.assert_allclose(bands.frequencies[0, 0, :2], 0.0, atol=1e-14 * top)
-    with pytest.raises(InputError, match=r"no special point .*Use"):
-        ph.bands({"square": "GK", "kagome": "GX"}[lattice])
-
-
 def test_velocities_at_gamma_are_those_of_sound(phonons):
     sound = gp.sound_velocities(phonons.state)
     bands = phonons.bands("GKMG", npoints=41)
@@ -107,29 +94,6 @@ def test_velocities_at_the_end_of_a_segment_are_those_of_its_own_branches(phonon
         np.testing.assert_allclose(here, there, atol=0.02 * np.abs(bands.group_velocities).max())
 
 
-def test_group_velocities_are_the_slopes_of_the_bands(phonons):
-    # second order in the step along the path, away from crossings
-    def error(n):
-        bands = phonons.bands([[0.02, 0.01], [0.14, 0.05]], npoints=n)
-        direction = phonons.lattice.wavevectors([0.12, 0.04])
-        step = np.linalg.norm(direction) / (n - 1) / DIAMETER
-        slope = 2.0 * np.pi * (bands.frequencies[0, 2:] - bands.frequencies[0, :-2]) / (2.0 * step)
-        along = bands.group_velocities[0] @ (direction / np.linalg.norm(direction))
-        # the nineteen inner points that every n has
-        every = (n - 1) // 20
-        return np.abs(slope - along[1:-1])[every - 1 :: every].max() / np.abs(along).max()
-
-    assert error(21) / error(41) == pytest.approx(4.0, rel=0.05)
-    assert error(161) < 1e-4
-
-
-def test_group_velocities_equal_phonopys_on_the_path(phonons):
-    bands = phonons.bands([[0.07, 0.03], [0.31, 0.12]], npoints=9)
-    run = phonons.phonopy.run_band_structure(list(bands.qpoints), with_group_velocities=True)
-    theirs = np.array(run.group_velocities)[..., 0 if phonons.lattice.motions.rotate else 1 :, :2] / (2.0 * np.pi)
-    np.testing.assert_allclose(bands.group_velocities / phonons.scales.velocity, theirs, atol=1e-6)
-
-
 def test_pure_rotation_of_steel_is_on_top_at_m_and_at_the_bottom_at_k(rough):
     bands = rough.bands("GKMG", npoints=21)
     k, m = bands.rotational_fraction[0, -1], bands.rotational_fraction[1, -1]
@@ -146,20 +110,8 @@ def test_without_friction_nothing_rotates(smooth):
     bands = smooth.bands(npoints=5)
     np.testing.assert_array_equal(bands.rotational_fraction, 0.0)
     # along Gamma-K motion is along or across q by symmetry
-    np.testing.assert_allclose(bands.longitudinal_fraction[0] % 1.0 % 1.0, 0.0, atol=1.0)
     share = bands.longitudinal_fraction[0, 1:-1]
     np.testing.assert_allclose(share * (1.0 - share), 0.0, atol=1e-12)
-
-
-def test_eigenvectors_solve_the_eigenproblem(phonons):
-    bands = phonons.bands("GKM", npoints=9)
-    q = phonons.lattice.wavevectors(bands.qpoints.reshape(-1, 3))
-    matrices = phonons.lattice.dynamical_matrix(q)
-    vectors = bands.eigenvectors.reshape(len(q), bands.n_branches, -1)
-    squared = (bands.frequencies.reshape(len(q), -1) / phonons.scales.frequency) ** 2
-    np.testing.assert_allclose(matrices @ vectors, vectors * squared[:, None], atol=1e-9 * squared.max())
-    gram = vectors.conj().swapaxes(1, 2) @ vectors
-    np.testing.assert_allclose(gram, np.broadcast_to(np.eye(bands.n_branches), gram.shape), atol=1e-12)
 
 
 def test_connection_follows_branches_through_crossings(smooth):
@@ -182,9 +134,76 @@ def test_connection_follows_branches_through_crossings(smooth):
     assert np.any(bands.connection[0] != [0, 1])
 
 
+PATHS = {
+    "chain": ("G", "X"), "square": ("G", "X", "M", "G"), "triangular": ("G", "K", "M", "G"),
+    "kagome": ("G", "K", "M", "G"),
+    "sc": ("G", "X", "M", "G", "R", "X|M", "R"), "bcc": ("G", "H", "N", "G", "P", "H|P", "N"),
+    "fcc": ("G", "X", "W", "K", "G", "L"), "diamond": ("G", "X", "W", "K", "G", "L"),
+    "hcp": ("G", "M", "K", "G", "A", "L", "H", "A|L", "M|K", "H"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lattice", PATHS)
+def test_each_lattice_has_a_path(lattice):
+    ph = phonons_of(lattice, "all")
+    bands = ph.bands(npoints=4)
+    s, b, p = len(bands.labels) - 1, ph.lattice.n_branches, ph.lattice.periods
+    assert bands.labels == PATHS[lattice]
+    assert bands.frequencies.shape == (s, 4, b)
+    assert bands.group_velocities.shape == (s, 4, b, p)
+    assert bands.periods == p
+    for name in ("rotational", "longitudinal", "transverse", "out_of_plane"):
+        part = getattr(bands, f"{name}_fraction")
+        assert part.shape == (s, 4, b)
+        assert part.min() >= 0.0
+        assert part.max() <= 1.0 + 1e-12
+    total = bands.rotational_fraction + bands.longitudinal_fraction + bands.out_of_plane_fraction + bands.transverse_fraction
+    np.testing.assert_allclose(total, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(bands.frequencies[0], ph.frequencies(bands.qpoints[0]), atol=1e-12 * bands.frequencies.max())
+
+
+def test_cells_of_the_plane_that_are_neither_square_nor_hexagonal_have_ases_path():
+    oblong = gp.Lattice("oblong", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
+    assert phonons_of(oblong).bands(npoints=2).labels == ("G", "X", "S", "Y", "G", "S")
+
+
+def test_polarisation_along_a_cube_axis():
+    # along [100] of fcc: a longitudinal branch without rotation, and waves of transverse displacements and spins
+    bands = phonons_of("fcc").bands("GX", 9)
+    inside = slice(1, 8)
+    along = bands.longitudinal_fraction[0, inside]
+    np.testing.assert_allclose(np.sort(along, axis=1)[:, -1], 1.0, rtol=1e-10)
+    np.testing.assert_allclose(np.sort(along, axis=1)[:, :-1], 0.0, atol=1e-10)
+    np.testing.assert_allclose(bands.rotational_fraction[0, inside].sum(axis=1), 3.0, rtol=1e-10)
+    assert not bands.out_of_plane_fraction.any()
+
+
+def test_waves_out_of_a_plane():
+    bands = phonons_of("triangular", "all").bands(npoints=9)
+    out = bands.out_of_plane_fraction
+    apart = phonons_of("triangular", "out_of_plane").bands(npoints=9)
+    np.testing.assert_allclose(out.sum(axis=2), 1.0, rtol=1e-10)
+    np.testing.assert_array_equal(apart.longitudinal_fraction, 0.0)
+    np.testing.assert_allclose(apart.out_of_plane_fraction + apart.rotational_fraction, 1.0, rtol=1e-12)
+    inside = phonons_of("triangular", "in_plane").bands(npoints=9)
+    assert not inside.out_of_plane_fraction.any()
+    both = np.sort(np.concatenate([inside.frequencies, apart.frequencies], axis=2), axis=2)
+    np.testing.assert_allclose(bands.frequencies, both, atol=1e-7 * both.max())
+
+
+def test_warnings_of_what_costs_nothing():
+    ph = phonons_of("sc")
+    assert ph.bands("GX", 2).warnings == gp.validity(ph.state).warnings
+    (soft,) = ph.bands("GM", 2).warnings[len(gp.validity(ph.state).warnings) :]
+    assert soft.startswith("1 mode vanishes at 1 of 2 wave vectors, the first at q = (0.5, 0.5, 0)")
+    free = phonons_of("chain", "all")
+    for found in (free.bands("GX", 2), free.dos((4,))):
+        assert any(one.startswith("3 of 6 branches vanish at every wave vector") for one in found.warnings)
+
+
 def test_warnings_travel_with_the_bands(rough):
     assert rough.bands(npoints=2).warnings == ()
-    pressed = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, DIAMETER)).at_overlap(0.05 * DIAMETER))
+    pressed = gp.Phonons(at_overlap(0.05))
     assert pressed.bands(npoints=2).warnings == gp.validity(pressed.state).warnings != ()
     assert pressed.dos(mesh=(4, 4)).warnings == gp.validity(pressed.state).warnings
 
@@ -290,7 +309,7 @@ def same_bands(one, other):
 def test_bands_survive_their_file(tmp_path, kind):
     state = at_force(friction=kind != "smooth", lattice="kagome" if kind == "kagome" else "triangular")
     if kind == "pressed":
-        state = gp.AveragedLattice(gp.Packing(STEEL, DIAMETER)).at_overlap(0.05 * DIAMETER)
+        state = at_overlap(0.05)
     balls = None
     if kind == "vacancy":
         balls = gp.atoms(state).repeat((3, 3, 1))
@@ -323,17 +342,6 @@ def test_labels_survive_the_file(rough, tmp_path, labels):
     assert gp.Bands.read(tmp_path / "band.yaml").labels == tuple(labels)
 
 
-def test_the_file_names_its_unit(rough, tmp_path):
-    bands = rough.bands(npoints=3)
-    bands.write(tmp_path / "band.yaml")
-    text = (tmp_path / "band.yaml").read_text()
-    assert "frequency_unit: kHz" in text
-    assert "hertz: 1000.0" in text
-    top = max(float(line.split(":")[1]) for line in text.splitlines() if line.startswith("    frequency:"))
-    assert top == pytest.approx(bands.frequencies.max() / 1000.0, rel=1e-15)
-    assert 1.0 <= top < 1000.0
-
-
 @pytest.mark.parametrize("text", ["", "phonon: []\n", "granphon: 3\n", "[", "granphon: {hertz: x}\n", "\0\1"])
 def test_band_files_of_others_are_refused(tmp_path, text):
     (tmp_path / "band.yaml").write_text(text)
@@ -352,3 +360,42 @@ def test_damaged_band_files_are_refused(rough, tmp_path):
         (tmp_path / "cut.yaml").write_text(text[text.index("\n") + 1 : int(part * len(text))])
         with pytest.raises(InputError, match=r"not a band\.yaml written by granphon"):
             gp.Bands.read(tmp_path / "cut.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("motions: all", "motions: some"), ("periods: 3", "periods: 4"), ("rotations: true", "rotations: 1"),
+        ("rotations: true", "rotations: false"), ("symbol: Sn", "symbol: Fe"),
+    ],
+)  # fmt: skip
+def test_bands_that_were_edited_are_refused(old, new, tmp_path):
+    phonons_of("fcc").bands("GX", 2).write(tmp_path / "band.yaml")
+    text = (tmp_path / "band.yaml").read_text()
+    # without the digest, which would be the first to notice
+    lines = [line for line in text.replace(old, new).splitlines() if "digest" not in line and "sha256" not in line]
+    assert "\n".join(lines) != text
+    (tmp_path / "band.yaml").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError):
+        gp.Bands.read(tmp_path / "band.yaml")
+
+
+@pytest.mark.parametrize(
+    ("lattice", "path", "periods", "said"),
+    [
+        ("fcc", "GX", 2, "a group_velocity across its 2 periods"),
+        ("fcc", "XW", 1, "a group_velocity across its 1 period"),
+        ("sc", [[0, 0, 0.1], [0, 0, 0.5]], 2, "a group_velocity across its 2 periods"),
+        ("sc", [[0.5, 0, 0], [0.5, 0.5, 0]], 1, "a group_velocity across its 1 period"),
+    ],
+)
+def test_bands_with_fewer_periods_than_their_lattice_are_refused(lattice, path, periods, said, tmp_path):
+    phonons_of(lattice).bands(path, 2).write(tmp_path / "band.yaml")
+    text = (tmp_path / "band.yaml").read_text().replace("periods: 3", f"periods: {periods}")
+    (tmp_path / "band.yaml").write_text(text.partition("\n")[2])
+    with pytest.raises(InputError, match=said):
+        gp.Bands.read(tmp_path / "band.yaml")
+    # of numbers in memory, velocities along the periods alone are left
+    bands = phonons_of(lattice).bands(path, 2)
+    with pytest.raises(InputError, match=f"leaves the (line|plane) of {periods} period"):
+        dataclasses.replace(bands, group_velocities=bands.group_velocities[..., :periods])._check()

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
+from phonopy.phonon.spectrum import TetrahedronDOSAccumulator
 from scipy.integrate import cumulative_trapezoid
 
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.quantities import Quantity
 from granphon.base.tables import Table
-from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force
+from tests.phonons.conftest import DIAMETER, ETA, RESISTED, at_force, every_case, phonons_of
 
 
 class WholeMesh(gp.Phonons):
@@ -42,14 +44,6 @@ def test_density_survives_its_file(phonons, tmp_path, method):
     np.testing.assert_array_equal(own.column("frequency_Hz (Hz)", frequency), dos.frequencies)
 
 
-def test_density_with_warnings_survives_its_file(tmp_path):
-    state = gp.AveragedLattice(gp.Packing(STEEL, DIAMETER)).at_overlap(0.05 * DIAMETER)
-    dos = gp.Phonons(state).dos(mesh=(4, 4), points=12)
-    assert dos.warnings
-    dos.write_csv(tmp_path / "dos.csv")
-    assert gp.DensityOfStates.read_csv(tmp_path / "dos.csv").warnings == dos.warnings
-
-
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "# x\n# method t, mesh a b\nh\n1,2,3,4\n"])
 def test_density_files_of_others_are_refused(tmp_path, text):
     (tmp_path / "dos.csv").write_text(text)
@@ -65,7 +59,7 @@ def integral(dos, part="total"):
 
 
 @pytest.mark.claim("api-densities")
-@pytest.mark.parametrize(("mesh", "points"), [((2, 2), 12), ((7, 5), 501), ((16, 16), 13), ((32, 32), 501)])
+@pytest.mark.parametrize(("mesh", "points"), [((1, 1), 501), ((2, 2), 12), ((7, 5), 501), ((16, 16), 13)])
 def test_integral_is_the_number_of_branches_of_a_ball(phonons, mesh, points):
     rotations = 1.0 if phonons.lattice.motions.rotate else 0.0
     dos = phonons.dos(mesh=mesh, points=points)
@@ -86,11 +80,6 @@ def test_density_converges_with_the_mesh(phonons):
     errors = [np.abs(count(n) - reference).mean() for n in (12, 24, 48)]
     assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2], "linear interpolation is of second order"
     assert errors[2] < 1e-3 * phonons.lattice.n_branches
-
-
-def test_smearing_integral_is_the_number_of_branches(phonons):
-    dos = phonons.dos(mesh=(32, 32), method="smearing", points=4001)
-    assert integral(dos) == pytest.approx(phonons.lattice.n_branches, abs=1e-6)
 
 
 def test_smearing_tends_to_the_tetrahedra(rough):
@@ -178,13 +167,6 @@ def test_square_meshes_tend_to_the_same_density():
     assert apart[2] < 0.01
 
 
-def test_reduction_of_a_large_mesh(rough):
-    full, reduced = (len(rough._make_mesh((48, 48), reduce=r).qpoints) for r in (False, True))
-    assert 6 * reduced <= 48 * 48
-    assert 12 * reduced >= 48 * 48
-    assert full in (48 * 48, 48 * 48 // 2 + 2)
-
-
 @pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
 def test_low_frequencies_follow_debye(phonons, method):
     # g(f) = 2 pi f A (v_L^-2 + v_T^-2) a ball in two dimensions
@@ -219,18 +201,6 @@ def test_edges(rough):
     assert np.mean(dos.total[just]) == pytest.approx(step, rel=0.1)
 
 
-def test_without_friction_the_top_is_at_m(smooth):
-    top = np.sqrt(6.0) * smooth.scales.frequency
-    dos = smooth.dos(mesh=(48, 48), points=2001)
-    assert dos.frequencies[-1] == pytest.approx(1.02 * top, rel=1e-9)
-    np.testing.assert_array_equal(dos.rotational, 0.0)
-    # a value is the mean over its interval
-    above = dos.frequencies > top + 0.51 * dos.frequencies[1]
-    assert above.sum() > 10
-    np.testing.assert_allclose(dos.total[above], 0.0, atol=1e-12 * dos.total.max())
-    assert dos.total[(dos.frequencies > 0.99 * top) & (dos.frequencies < top)].min() > 0.0
-
-
 def test_a_supercell_has_the_density_of_its_balls(rough):
     balls = gp.atoms(rough.state).repeat((2, 2, 1))
     big = gp.Phonons(rough.state, balls)
@@ -255,29 +225,108 @@ def test_unequal_mesh(rough):
     one, other = rough.dos(mesh=(24, 20)), rough.dos(mesh=(20, 24, 1))
     assert (one.mesh, other.mesh) == ((24, 20), (20, 24))
     np.testing.assert_allclose(one.total, other.total, atol=1e-9 * one.total.max())
-    # and tend to the same density as equal meshes do
-    fine = cumulative_trapezoid(*(getattr(rough.dos(mesh=(48, 48)), name) for name in ("total", "frequencies")))
-    apart = []
-    for n in (1, 2, 4):
-        dos = rough.dos(mesh=(6 * n, 5 * n))
-        apart.append(np.abs(cumulative_trapezoid(dos.total, dos.frequencies) - fine).mean())
-    assert apart[0] > 3.0 * apart[1] > 9.0 * apart[2]
 
 
-def test_density_against_phonopys_own(rough):
-    # the same mesh through Phonopy.run_total_dos, whose values are at points, summed finely over our intervals
-    dos = rough.dos(mesh=(12, 12), points=51)
-    at = dos.frequencies / rough.scales.frequency
-    step = (at[1] - at[0]) / 200.0
-    rough.phonopy.run_mesh([12, 12, 1], is_gamma_center=True, is_mesh_symmetry=False)
-    theirs = rough.phonopy.run_total_dos(freq_min=0.0, freq_max=at[-1] + step, freq_pitch=step)
-    middle = 0.5 * (at[1:] + at[:-1])
-    expected = np.interp(
-        middle, theirs.frequency_points, cumulative_trapezoid(theirs.dos, theirs.frequency_points, initial=0.0)
-    )
-    widths = np.diff(np.concatenate([[0.0], middle]))
-    found = np.cumsum(dos.total[:-1] * widths) * rough.scales.frequency
-    np.testing.assert_allclose(found, expected, atol=1e-3 * 3)
+@every_case
+def test_a_density_of_states_counts_every_motion(lattice, motions, options):
+    ph = phonons_of(lattice, motions, **options)
+    mesh = (9, 9, 5)[: ph.lattice.periods]
+    count, turns = ph.lattice.motions.count, len(ph.lattice.motions.rotations)
+    for method, tolerance in (("tetrahedron", 1e-12), ("smearing", 1e-5)):
+        dos = ph.dos(mesh, method=method)
+        assert dos.mesh == mesh
+        assert np.trapezoid(dos.total, dos.frequencies) == pytest.approx(count, abs=tolerance)
+        assert np.trapezoid(dos.rotational, dos.frequencies) == pytest.approx(turns, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "mesh"), [("chain", (40,)), ("triangular", (12, 12)), ("fcc", (8, 8, 8)), ("hcp", (6, 6, 4))], ids=str
+)
+def test_integrals_are_phonopys(lattice, mesh):
+    """Only modes near a frequency are asked of phonopy; here it is asked for the weights of all modes at all frequencies."""
+    ph = phonons_of(lattice, "all", **RESISTED)
+    dos, grid = ph.dos(mesh, points=101), ph._make_mesh(mesh)
+    modes = ph.lattice.modes(ph.lattice.wavevectors(grid.qpoints), np.eye(len(mesh))[0])
+    at = dos.frequencies / ph.scales.frequency
+    edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
+    parts = np.stack([1.0 - modes.rotational_fraction, modes.rotational_fraction], axis=-1)
+    whole = TetrahedronDOSAccumulator(
+        modes.frequencies, grid.bz_grid, mode_property=parts[None], ir_grid_points=grid.ir_grid_points,
+        ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=edges,
+    ).result.cumulative[0].T  # fmt: skip
+    whole[:, 0] = 0.0
+    expected = np.diff(whole, axis=1) / np.diff(edges) / len(ph.atoms)
+    found = np.stack([dos.translational, dos.rotational]) * ph.scales.frequency
+    np.testing.assert_allclose(found, expected, atol=1e-12 * expected.max())
+
+
+@pytest.mark.parametrize(("lattice", "mesh"), [("fcc", (16, 16, 16)), ("hcp", (12, 12, 8))], ids=str)
+def test_a_reduced_mesh_has_the_states_of_the_whole(lattice, mesh):
+    ph = phonons_of(lattice)
+    unreduced = WholeMesh(ph.state)
+    reduced, whole = (one.dos(mesh, method="smearing") for one in (ph, unreduced))
+    assert len(unreduced._make_mesh(mesh).qpoints) == np.prod(mesh)
+    np.testing.assert_allclose(reduced.translational, whole.translational, rtol=1e-9, atol=1e-12 * whole.total.max())
+    np.testing.assert_allclose(reduced.rotational, whole.rotational, rtol=1e-9, atol=1e-12 * whole.total.max())
+
+
+def test_the_point_group_reduces_the_mesh():
+    for lattice, mesh, order in (
+        ("triangular", (24, 24), 12),
+        ("fcc", (24, 24, 24), 48),
+        ("sc", (24, 24, 24), 48),
+        ("hcp", (24, 24, 12), 24),
+        ("chain", (24,), 1),
+    ):
+        ph = phonons_of(lattice, "all")
+        full, reduced = (len(ph._make_mesh(mesh, reduce=some).qpoints) for some in (False, True))
+        assert full == np.prod(mesh)
+        assert full / order <= reduced <= 2.6 * full / order
+    # a mesh that a rotation does not map on itself is not reduced
+    assert len(phonons_of("fcc")._make_mesh((4, 4, 6)).qpoints) == 96
+
+
+def test_states_of_a_chain_in_closed_form():
+    ph = phonons_of("chain")
+    dos = ph.dos((4000,), points=201)
+    x = dos.frequencies / ph.scales.frequency
+    edges = np.clip(np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]]), 0.0, 2.0)
+    expected = np.diff(2.0 / np.pi * np.arcsin(edges / 2.0))
+    widths = np.diff(np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]]))
+    np.testing.assert_allclose(dos.total * ph.scales.frequency * widths, expected, atol=2e-5)
+    assert not dos.rotational.any()
+
+
+def test_low_states_of_a_crystal_are_those_of_sound():
+    """Debye's law, N(omega) = V omega^3 / (6 pi^2) times the mean of 1/v^3 over directions and branches."""
+    ph = phonons_of("fcc")
+    dos = ph.dos((48, 48, 48))
+    z, angle = np.meshgrid((np.arange(40) + 0.5) / 20.0 - 1.0, (np.arange(40) + 0.5) * np.pi / 20.0)
+    rho = np.sqrt(1.0 - z**2)
+    directions = np.stack([rho * np.cos(angle), rho * np.sin(angle), z], axis=-1).reshape(-1, 3)
+    velocities, _ = ph.lattice.sound_velocities(directions)
+    slow = float(np.sum(np.mean(velocities**-3.0, axis=0)))
+    low = dos.frequencies < 0.1 * dos.frequencies[-1]
+    counted = np.trapezoid(dos.total[low], dos.frequencies[low])
+    top = dos.frequencies[low][-1] / ph.scales.frequency
+    assert counted == pytest.approx(ph.lattice.measure * slow * top**3 / (6.0 * np.pi**2), rel=0.03)
+
+
+def test_branches_that_cost_nothing_are_counted_at_zero():
+    # three of the six motions of a chain: all in the first interval
+    dos = phonons_of("chain", "all").dos((64,))
+    first = 0.5 * dos.frequencies[1]
+    assert dos.total[0] * first == pytest.approx(3.0, abs=0.02)
+    assert np.trapezoid(dos.total, dos.frequencies) == pytest.approx(6.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("lattice", "mesh"), [("chain", (16,)), ("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))], ids=str)
+def test_tables_of_densities_of_states(lattice, mesh, tmp_path):
+    dos = phonons_of(lattice, "all").dos(mesh)
+    dos.write_csv(tmp_path / "dos.csv")
+    assert gp.DensityOfStates.read_csv(tmp_path / "dos.csv") == dos
+    assert gp.DensityOfStates.from_dict(json.loads(json.dumps(dos.to_dict()))) == dos
+    assert f"mesh {' '.join(map(str, mesh))}\n" in (tmp_path / "dos.csv").read_text()
 
 
 BAD_DENSITIES = {

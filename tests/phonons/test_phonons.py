@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from ase.build import make_supercell
@@ -11,18 +13,18 @@ from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
+from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, InstabilityError, MechanismError
-
-DIAMETER = 8e-3
-STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
-ETA = 2.0 * (1.0 - 0.276) / (2.0 - 0.276)
-
-
-def at_overlap(relative=0.01, friction=True, lattice="triangular", poisson=0.276, finite_overlap=None):
-    material = gp.Material(young_modulus=211.65e9, poisson_ratio=poisson, density=7840.0)
-    packing = gp.Packing(material, DIAMETER, lattice=lattice, friction=friction)
-    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
-
+from tests.phonons.conftest import (
+    DIAMETER,
+    ETA,
+    RESISTED,
+    at_overlap,
+    every_case,
+    padded,
+    phonons_of,
+    random_points,
+)  # fmt: skip
 
 fractions = st.floats(-1.0, 1.0, allow_nan=False)
 both_overlaps = pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
@@ -114,6 +116,103 @@ def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overla
     np.testing.assert_allclose(found, expected, rtol=1e-7)
 
 
+def twin(ph, q):
+    """Squared frequencies from forces and torques of each neighbour, one by one, with the motions that the balls have."""
+    state, motions = ph.state, ph.lattice.motions
+    packing, structure = state.packing, find_lattice(state.packing.lattice)
+    follows = state.finite_overlap
+    spacing = 1.0 - state.relative_overlap if follows else 1.0
+    push = state.force / state.normal_stiffness / packing.diameter / spacing if follows else 0.0
+    eta, twist, roll = packing.mindlin_ratio, packing.torsion, packing.bending
+    centres = np.zeros((structure.n_balls, 3))
+    centres[:, : structure.dimension] = structure.positions
+    cell = np.zeros((structure.periods, 3))
+    cell[:, : structure.dimension] = structure.vectors
+    wave = np.linalg.pinv(cell) @ q * 2.0 * np.pi
+    matrix = np.zeros((6 * len(centres), 6 * len(centres)), complex)
+    for i, j in itertools.product(range(len(centres)), repeat=2):
+        for steps in itertools.product(range(-2, 3), repeat=len(cell)):
+            n = centres[j] + np.array(steps) @ cell - centres[i]
+            if abs(np.linalg.norm(n) - 1.0) > 1e-9:
+                continue
+            phase, across = np.exp(1j * wave @ n), np.eye(3) - np.outer(n, n)
+            for ball, factor, sign in ((i, 1.0, -1.0), (j, phase, 1.0)):
+                for dof in range(6):
+                    u, phi = np.zeros((2, 3), complex)
+                    (u if dof < 3 else phi)[dof % 3] = factor if dof < 3 else factor * np.sqrt(10.0)
+                    slip = across @ (sign * u) - 0.5 * spacing * np.cross(phi, n)
+                    pull = n * (n @ (sign * u)) + eta * slip - push * across @ (sign * u)
+                    torque = 0.5 * spacing * eta * np.cross(n, slip) + sign * (twist * n * (n @ phi) + roll * across @ phi)
+                    matrix[6 * i : 6 * i + 3, 6 * ball + dof] -= pull
+                    matrix[6 * i + 3 : 6 * i + 6, 6 * ball + dof] -= np.sqrt(10.0) * torque
+    moving = [*motions.translations, *(3 + axis for axis in motions.rotations)]
+    keep = [6 * ball + one for ball in range(len(centres)) for one in moving]
+    return np.linalg.eigvalsh(matrix[np.ix_(keep, keep)])
+
+
+@every_case
+def test_frequencies_are_those_of_forces_and_torques(lattice, motions, options):
+    ph = phonons_of(lattice, motions, **options)
+    q = random_points(ph)
+    found = ph.frequencies(q) / ph.scales.frequency
+    expected = np.array([twin(ph, one) for one in q])
+    assert found.shape == (len(q), ph.lattice.motions.count * len(ph.atoms))
+    np.testing.assert_allclose(found**2, expected, atol=1e-12 * expected.max())
+    np.testing.assert_array_equal(ph.frequencies(padded(q)), ph.frequencies(q))
+
+
+@every_case
+def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
+    ph = phonons_of(lattice, motions, **options)
+    q = random_points(ph)
+    ours = (ph.frequencies(q) / ph.scales.frequency) ** 2
+    theirs = ph.phonopy.run_qpoints(padded(q)).frequencies
+    theirs = np.sort(theirs * np.abs(theirs), axis=1)
+    # coordinates that hold no motion are flat bands at zero
+    still = len(ph.atoms) * len(ph.lattice.motions.still_slots)
+    assert len(ph.phonopy.unitcell) == len(ph.atoms) * ph.lattice.motions.atoms_per_ball
+    np.testing.assert_allclose(theirs, np.sort(np.pad(ours, ((0, 0), (still, 0))), axis=1), atol=1e-13 * ours.max())
+
+
+def test_closed_forms_of_a_chain():
+    ph = phonons_of("chain", "all")
+    q = np.linspace(0.0, 0.5, 7)
+    half = np.pi * q
+    found = (ph.frequencies(q[:, None]) / ph.scales.frequency) ** 2
+    # sound; twice the pair of transverse motion and rolling, of which one rolls without slip; torsion, without a cost
+    pair = ETA * (4.0 * np.sin(half) ** 2 + 10.0 * np.cos(half) ** 2)
+    expected = np.sort([4.0 * np.sin(half) ** 2, pair, pair, 0.0 * q, 0.0 * q, 0.0 * q], axis=0).T
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+def test_closed_forms_of_cubic_crystals():
+    for lattice, spin in (("sc", 20.0), ("bcc", 80.0 / 3.0), ("fcc", 40.0)):
+        ph = phonons_of(lattice)
+        at_gamma = (ph.frequencies([[0, 0, 0]]) / ph.scales.frequency) ** 2
+        np.testing.assert_allclose(at_gamma[0], [0.0, 0.0, 0.0, *[spin * ETA] * 3], atol=1e-12)
+    simple = phonons_of("sc")
+    at_corner = (simple.frequencies([[0.5, 0.5, 0.5]]) / simple.scales.frequency) ** 2
+    np.testing.assert_allclose(at_corner[0], [0.0, 0.0, 0.0, *[4.0 + 8.0 * ETA] * 3], atol=1e-12)
+    smooth = phonons_of("fcc", friction=False)
+    points = smooth.special_points
+    found = (smooth.frequencies([points["X"], points["L"]]) / smooth.scales.frequency) ** 2
+    np.testing.assert_allclose(found, [[4.0, 4.0, 8.0], [2.0, 2.0, 8.0]], rtol=1e-13)
+
+
+@pytest.mark.parametrize("lattice", ["chain", "triangular", "fcc", "hcp"])
+def test_group_velocities_are_slopes(lattice):
+    ph = phonons_of(lattice, "all", **RESISTED)
+    q, p, step = random_points(ph, 3), ph.lattice.periods, 1e-5
+    modes = ph.modes(q)
+    assert modes.group_velocities.shape == (3, ph.lattice.n_branches, p)
+    for axis in np.eye(p):
+        rise = ph.frequencies(q + step * axis) - ph.frequencies(q - step * axis)
+        run_of = ph.lattice.wavevectors(2.0 * step * axis) / ph.scales.length
+        slopes = 2.0 * np.pi * rise / np.linalg.norm(run_of)
+        along = modes.group_velocities @ (run_of / np.linalg.norm(run_of))
+        np.testing.assert_allclose(along, slopes, atol=1e-6 * ph.scales.velocity)
+
+
 def test_closed_forms_at_symmetry_points():
     # steel's branches at K, M and Gamma, k/M = 1
     state = at_overlap()
@@ -125,14 +224,6 @@ def test_closed_forms_at_symmetry_points():
     # K: two degenerate mixed motions 9/2 (1 + eta) coupled to none, and pure rotation 15 eta / 2
     np.testing.assert_allclose(found[2, 0], 7.5 * ETA, rtol=1e-13)
     np.testing.assert_allclose(found[2, 1:], 4.5 * (1.0 + ETA), rtol=1e-13)
-
-
-def test_dynamical_matrix_is_phonopys():
-    state = at_overlap(lattice="kagome")
-    ph = gp.Phonons(state)
-    q = np.array([[0.1, 0.2, 0.0], [0.4, -0.3, 0.0]])
-    theirs = ph.phonopy.run_qpoints(q, with_dynamical_matrices=True).dynamical_matrices
-    np.testing.assert_allclose(theirs, ph.lattice.dynamical_matrix(ph.lattice.wavevectors(q)), atol=1e-13)
 
 
 # -- other cells of the same balls --------------------------------------------------------------------------------------
@@ -156,7 +247,7 @@ def folded(matrix):
 )
 @pytest.mark.parametrize("friction", [True, False])
 @both_overlaps
-def test_a_supercell_has_the_folded_bands(matrix, friction, finite_overlap):
+def test_a_skewed_supercell_has_the_folded_bands(matrix, friction, finite_overlap):
     state = at_overlap(friction=friction, finite_overlap=finite_overlap)
     one = gp.atoms(state)
     full = np.eye(3, dtype=int)
@@ -185,16 +276,6 @@ def test_unequal_masses(masses, q, finite_overlap, friction):
     if not finite_overlap:
         total = np.sum((ph.frequencies([q]) / state.scales.frequency) ** 2)
         assert total == pytest.approx(stiffness * np.sum(1.0 / np.array(masses)), rel=1e-10)
-
-
-def test_all_masses_doubled_slow_every_mode_by_sqrt_two():
-    state = at_overlap()
-    balls = gp.atoms(state)
-    balls.set_masses([2.0])
-    q = [[0.1, 0.2], [0.4, 0.3]]
-    np.testing.assert_allclose(
-        gp.Phonons(state, balls).frequencies(q) * np.sqrt(2.0), gp.Phonons(state).frequencies(q), rtol=1e-13
-    )
 
 
 def test_a_heavy_impurity_hardly_moves():
@@ -239,16 +320,6 @@ def test_atoms_are_taken_as_a_copy():
     np.testing.assert_array_equal(ph.frequencies([[0.1, 0.2]]), before)
 
 
-def test_a_free_cluster_has_flat_bands():
-    state = at_overlap()
-    balls = gp.atoms(state).repeat((3, 3, 1))
-    balls.pbc = False
-    ph = gp.Phonons(state, balls)
-    matrix = ph.calculator.get_force_constants(balls).transpose(0, 2, 1, 3).reshape(27, 27)
-    expected = np.sqrt(np.maximum(np.linalg.eigvalsh(matrix), 0.0)) * state.scales.frequency
-    np.testing.assert_allclose(ph.frequencies([[0.0, 0.0], [0.1, 0.2]]), [expected] * 2, atol=1e-7 * expected.max())
-
-
 # -- what is refused ----------------------------------------------------------------------------------------------------
 
 
@@ -268,35 +339,6 @@ def test_dim():
     for wrong in ((3, 3, 2), (3.5, 3), (0, 3), (3,), "33"):
         with pytest.raises(InputError, match="allowed: two whole numbers from 1 to"):
             gp.Phonons(state, dim=wrong)
-
-
-def test_two_by_two_would_alias():
-    # why 2 x 2 is refused: M and Gamma come out right all the same, generic points do not
-    state = at_overlap()
-    one = gp.atoms(state)
-    bare = Phonopy(
-        PhonopyAtoms(symbols=["Fe"], cell=np.asarray(one.cell), scaled_positions=[[0, 0, 0]], masses=[1.0]),
-        np.diag([2, 2, 1]),
-        primitive_matrix="P",
-        is_symmetry=False,
-    )
-    bare.unit_conversion_factor = 1.0
-    bare.force_constants = one.calc.get_force_constants(one.repeat((2, 2, 1)))
-    right = gp.Phonons(state)
-    for q, exact in (([0.0, 0.0, 0.0], True), ([0.5, 0.0, 0.0], True), ([0.21, 0.13, 0.0], False)):
-        found = bare.run_qpoints([q]).frequencies[0]
-        expected = right.frequencies([q])[0] / state.scales.frequency
-        assert bool(np.abs(found - expected).max() < 1e-6) is exact
-
-
-def test_atoms_of_another_state_are_refused():
-    state, other = at_overlap(), at_overlap(1e-3)
-    with pytest.raises(InputError, match=r"granphon_stiffness_N_per_m.*reduced units of another state"):
-        gp.Phonons(state, gp.atoms(other))
-    balls = gp.atoms(state)
-    balls.info["granphon_length_m"] *= 1.0 + 1e-6
-    with pytest.raises(InputError, match="granphon_length_m"):
-        gp.Phonons(state, balls)
 
 
 @pytest.mark.parametrize("lattice", ["square", "kagome", "honeycomb"])
@@ -422,38 +464,10 @@ def test_atoms_that_cannot_be():
         gp.HertzMindlin(3.0)
 
 
-def test_atoms_of_the_other_overlap_are_refused():
-    state, following = at_overlap(), at_overlap(finite_overlap=True)
-    finite = gp.atoms(following)
-    with pytest.raises(InputError, match="made with finite overlap"):
-        gp.Phonons(state, finite)
-    finite.calc = gp.HertzMindlin(state)
-    with pytest.raises(InputError, match="Make the state with finite_overlap=True"):
-        finite.get_potential_energy()
-    assert gp.Phonons(following, finite).frequencies([[0.1, 0.2]]).shape == (1, 3)
-
-
-@pytest.mark.parametrize("friction", [True, False])
-@pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
-def test_the_coarsest_mesh_still_counts_every_mode(friction, method):
-    dos = gp.Phonons(at_overlap(friction=friction)).dos((1, 1), method=method)
-    assert np.trapezoid(dos.total, dos.frequencies) == pytest.approx(3 if friction else 2, abs=1e-6)
-
-
 def test_branches_that_touch_at_gamma_are_those_of_the_path():
     bands = gp.Phonons(at_overlap(lattice="kagome")).bands("GKMG", npoints=201)
     overlap = np.abs(np.einsum("spma,spmb->spab", bands.eigenvectors[:, :-1].conj(), bands.eigenvectors[:, 1:])) ** 2
     assert overlap.max(axis=3).min() > 0.99
-
-
-def test_prestressed_modes_of_a_large_cell_are_those_of_a_small_one():
-    state = at_overlap(finite_overlap=True)
-    large = gp.Phonons(state, gp.atoms(state).repeat((4, 4, 1)))
-    small = gp.Phonons(state)
-    assert large.lattice.n_branches == 48
-    folded = [(0.1 + i) / 4 for i in range(4)]
-    expected = np.sort(small.frequencies([[a, b] for a in folded for b in folded]).ravel())
-    np.testing.assert_allclose(large.modes([[0.1, 0.1]]).frequencies[0], expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("length", [5, 40])
@@ -467,3 +481,68 @@ def test_fewer_contacts_than_motions_leave_free_ones(length):
     chain = np.sort(np.concatenate([np.zeros(length), 2.0 * np.abs(np.sin(np.pi * folded))])) * ph.scales.frequency
     np.testing.assert_allclose(ph.frequencies([[0.1, 0.0]])[0], chain, atol=1e-9 * chain.max())
     np.testing.assert_allclose(ph.modes([[0.1, 0.0]]).frequencies[0], chain, atol=1e-9 * chain.max())
+
+
+@pytest.mark.parametrize(
+    ("lattice", "repeat"), [("chain", (3, 1, 1)), ("triangular", (2, 3, 1)), ("fcc", (2, 1, 3)), ("hcp", (1, 2, 1))], ids=str
+)
+def test_a_supercell_has_the_folded_bands(lattice, repeat):
+    one = phonons_of(lattice, "all", **RESISTED)
+    big = gp.Phonons(one.state, gp.atoms(one.state).repeat(repeat))
+    q = random_points(one, 1)[0]
+    cells = itertools.product(*map(range, repeat[: len(q)]))
+    expected = np.sort(one.frequencies([(q + n) / repeat[: len(q)] for n in np.array(list(cells))]).ravel())
+    np.testing.assert_allclose(big.frequencies([q])[0], expected, atol=1e-12 * expected.max())
+    theirs = big.phonopy.run_qpoints(padded(q[None])).frequencies[0]
+    ours = (expected / one.scales.frequency) ** 2
+    np.testing.assert_allclose(np.sort(theirs * np.abs(theirs)), ours, atol=1e-12 * ours.max())
+
+
+def test_a_slab_and_a_cluster_have_no_images_across():
+    whole = phonons_of("fcc")
+    slab, cluster = (gp.atoms(whole.state).repeat(repeat) for repeat in ((1, 1, 3), (2, 2, 2)))
+    slab.pbc, cluster.pbc = (True, True, False), False
+    for balls, dim, q in ((slab, (3, 3, 1), [[0.1, 0.2, 0.0], [0.1, 0.2, 0.4]]), (cluster, (1, 1, 1), [[0.1, 0.2, 0.3]])):
+        ph = gp.Phonons(whole.state, balls)
+        assert ph.dim == dim
+        ours = (ph.frequencies(q) / ph.scales.frequency) ** 2
+        np.testing.assert_allclose(ours, ours[[0] * len(q)], atol=1e-12 * ours.max())
+        theirs = ph.phonopy.run_qpoints(q).frequencies
+        np.testing.assert_allclose(np.sort(theirs * np.abs(theirs)), ours, atol=1e-12 * ours.max())
+
+
+BAD = {
+    "path in space for a plane": ("square", lambda ph: ph.bands([[0, 0, 0], [0, 0, 0.5]]), r"leaves the plane.*one layer"),
+    "path in the plane for a chain": ("chain", lambda ph: ph.bands([[0, 0, 0], [0.5, 0.5, 0]]), r"leaves the line.*one row"),
+    "corners of two numbers in space": ("fcc", lambda ph: ph.bands([[0, 0], [0.5, 0]]), "corners of three finite numbers"),
+    "letter of another zone": ("chain", lambda ph: ph.bands("GM"), r"no special point M.*Use G, X"),
+    "q points of two numbers in space": ("fcc", lambda ph: ph.frequencies([[0.1, 0.2]]), r"Give \(n, 3\) finite"),
+    "q points out of a line": ("chain", lambda ph: ph.frequencies([[0.1, 0.2, 0.0]]), "leaves the line"),
+    "mesh of two numbers in space": ("fcc", lambda ph: ph.dos((8, 8)), r"three whole numbers from 1.*such as 64 64 64"),
+    "mesh in space for a plane": ("square", lambda ph: ph.dos((8, 8, 8)), r"third number is 8.*one layer"),
+    "mesh of a plane for a chain": ("chain", lambda ph: ph.dos((8, 8)), r"second number is 8.*and two ones.*one row"),
+    "dim of two numbers in space": ("fcc", lambda ph: gp.Phonons(ph.state, dim=(3, 3)), "three whole numbers"),
+    "dim too small": ("fcc", lambda ph: gp.Phonons(ph.state, dim=(3, 2, 3)), r"3 x 2 x 3 cells is too small.*3 x 3 x 3"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_the_dimension_does_not_allow(case):
+    lattice, call, words = BAD[case]
+    with pytest.raises(InputError, match=words):
+        call(phonons_of(lattice))
+
+
+def test_numbers_padded_with_ones():
+    chain, plane = phonons_of("chain"), phonons_of("triangular", "all")
+    assert chain.dos((8, 1, 1)) == chain.dos((8,)) == chain.dos("8 1 1")
+    assert plane.dos((8, 8, 1)) == plane.dos((8, 8))
+    assert gp.Phonons(chain.state, dim=(4, 1, 1)).dim == (4,)
+    assert gp.Phonons(plane.state, dim="4 5 1").dim == (4, 5)
+    assert phonons_of("fcc").dim == (3, 3, 3)
+    assert phonons_of("hcp").dim == (3, 3, 2)
+
+
+def test_a_mesh_beyond_all_memory_is_refused():
+    with pytest.raises(InputError, match="1000000 x 1000000 x 1000000 wave vectors is too large"):
+        phonons_of("fcc").dos((10**6,) * 3)
