@@ -136,12 +136,32 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
-    stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    wanted = _is_small(frame) if symmetric else _can_factorise(frame)
-    table = np.array(list(_tabulate(place, acting))) if symmetric else None
+    stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
+    small, few = (count <= most[len(frame.shape) - 2] for most in (_MOST_AT_ONCE, _MOST_BALLS))
+
+    def tabulate() -> Iterator[Array]:
+        return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
+
+    table = np.array(list(tabulate())) if symmetric else None
     product = None if table is None else frame.couple(table)
-    matrix = _compose(frame, stiff, _tabulate(place, acting) if table is None else table) if wanted else None
-    inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
+    wanted = small if symmetric else few
+    matrix = _compose(frame, stiff, tabulate() if table is None else table) if wanted else None
+
+    def offer_inverses() -> Iterator[tuple[Inverse, int]]:
+        """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one."""
+        if matrix is not None and small and (factors := _factorise(frame, matrix, symmetric)):
+            yield factors, _MOST_ITERATIONS
+            return
+        whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+        if symmetric:  # it has to be positive definite
+            yield whole, _MOST_ITERATIONS
+            return
+        alone = _invert_balls(frame, stiff, tabulate())
+        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * _KEPT
+        if matrix is not None and (factors := _factorise(frame, matrix)):
+            yield factors, _MOST_ITERATIONS
+
+    inverses = offer_inverses()
     inverse, most = next(inverses)
 
     def apply(vector: Array) -> Array:
@@ -175,32 +195,6 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
             raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
         found.append(motion.reshape(shape))
     return found
-
-
-def _tabulate(place: ExactPlace, acting: ActingForces) -> Iterator[Array]:
-    return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
-
-
-def _offer_inverses(
-    place: ExactPlace, acting: ActingForces, stencils: Stencils, stiff: float, matrix: Any
-) -> Iterator[tuple[Inverse, int]]:
-    """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one.
-
-    Without tangential forces it has to be positive definite. ``stiff`` is the mean normal stiffness of contacts; the
-    ``matrix`` is None where it is not to be factorised.
-    """
-    frame, symmetric = place.geometry.frame, not np.any(acting.shears)
-    if matrix is not None and _is_small(frame) and (factors := _factorise(frame, matrix, symmetric)):
-        yield factors, _MOST_ITERATIONS
-        return
-    whole = Preconditioners(stencils).choose(acting.springs, hard=True)
-    if symmetric:
-        yield whole, _MOST_ITERATIONS
-        return
-    alone = _invert_balls(frame, stiff, _tabulate(place, acting))
-    yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * _KEPT
-    if matrix is not None and (factors := _factorise(frame, matrix)):
-        yield factors, _MOST_ITERATIONS
 
 
 def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, most: int) -> tuple[Array, bool]:
@@ -263,16 +257,6 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
             tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
     tensor /= measure
     return np.asarray(0.5 * (tensor + tensor.T))
-
-
-def _is_small(stencils: Stencils) -> bool:
-    """Return whether an array is so small that factors of its matrix cost less than iterations without."""
-    return _can_factorise(stencils, _MOST_AT_ONCE)
-
-
-def _can_factorise(stencils: Stencils, most: Sequence[int] = _MOST_BALLS) -> bool:
-    """Return whether an array has no more balls than ``most``, which is given for a plane and for space."""
-    return math.prod(stencils.shape) * stencils.n_balls <= most[len(stencils.shape) - 2]
 
 
 def _compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:

@@ -80,7 +80,9 @@ class Preconditioners:
         """
         if (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
             self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
-            self._factors = self._factorise(stiffness)
+            i, j = self._stencils.ends_of_rows()
+            head, tail = self._stencils.coefficients
+            self._factors = factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
         return self._factors or self._stencils.preconditioner(stiffness, product)
 
     def count(self, iterations: int) -> None:
@@ -104,11 +106,6 @@ class Preconditioners:
     def _may_factorise(self, stiffness: Array) -> bool:
         normal = stiffness[: self._stencils.n_contacts]
         return self.are_small and float(np.mean(normal > STIFF * np.mean(normal))) <= self._most_stiff
-
-    def _factorise(self, stiffness: Array) -> Inverse:
-        i, j = self._stencils.ends_of_rows()
-        head, tail = self._stencils.coefficients
-        return factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
 
 
 class Patches:

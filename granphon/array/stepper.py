@@ -232,8 +232,17 @@ class Stepper:
         return state.force
 
     def _extrapolate(self, trail: Sequence[PressedArray], load: ReducedLoad) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
-        weights = continue_polynomial([self.measure(one, load) for one in trail], find_aim(load))
+        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line.
+
+        After a turn of the path only the last state is used.
+        """
+        loads, aim, count = [self.measure(one, load) for one in trail[-3:]], find_aim(load), 1
+        steps = np.diff([*loads, aim])
+        for step in steps[-2::-1]:
+            if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
+                break
+            count += 1
+        weights = weigh_states(loads[-count:], aim)
         states = trail[-len(weights) :]
         balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
@@ -307,20 +316,6 @@ class Stepper:
                 at_rest = self.settle([here], load, 0.0, FAST_LIMITS)
                 return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
         return None
-
-
-def continue_polynomial(loads: Sequence[float], load: float) -> list[float]:
-    """Return weights of the states at the last ``loads``, at most three of them, for the state at the next ``load``.
-
-    There is one for each of the last states that are used. After a turn of the path only the last state is.
-    """
-    steps = np.diff([*loads[-3:], load])
-    count = 1
-    for step in steps[-2::-1]:
-        if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
-            break
-        count += 1
-    return weigh_states(loads[-count:], load)
 
 
 def goes_on(loads: Sequence[float]) -> bool:

@@ -259,7 +259,7 @@ class _Path:
             if np.any(trial.on_balls[loose]):
                 least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
                 trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
-            if self._is_at_rest(trial):
+            if trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state or self._saddles > _MOST_SADDLES:
                     return state
@@ -280,13 +280,28 @@ class _Path:
             self.newton, self.conjugate = self.newton + newton, self.conjugate + conjugate
         trial = self._try(balls, overlap)
         for _ in range(_NEWTON_STEPS):
-            if self._is_at_rest(trial):
+            if trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state:
                     return state
                 if self._saddles > _MOST_SADDLES:
                     break
-            trial = _search(self._geometry, trial, self._find_step(trial), self._load)
+            # go along the step as far as the energy falls fast
+            step = self._find_step(trial)
+            first = trial.slope(step)
+            low, high, at_low, length = 0.0, math.inf, first, 1.0
+            for _ in range(_LENGTHS):
+                there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+                slope = there.slope(step)
+                if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
+                    break
+                if slope > 0.0:
+                    high = length
+                    length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
+                else:
+                    low, at_low = length, slope
+                    length = 0.5 * (low + high)
+            trial = there
         raise ConvergenceError(
             message(
                 f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
@@ -297,9 +312,6 @@ class _Path:
 
     def _try(self, balls: Array, overlap: float) -> _Trial:
         return _Trial(self._geometry.place(balls, overlap), self._load)
-
-    def _is_at_rest(self, trial: _Trial) -> bool:
-        return trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE
 
     def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:
         """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
@@ -335,8 +347,16 @@ class _Path:
         stable = down is None or trial.bend(down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
             return trial, state
-        if not stable:
-            return _go_down(geometry, trial, down, self._load), None
+        if not stable:  # go down from the saddle, on the way along which the curvature is below zero
+            size = math.sqrt(float(np.max(np.sum(stencils.cartesian(down) ** 2, axis=0))))
+            way = math.copysign(_FIRST_MOVE / size, dot(trial.pull, down)) * down
+            there = trial
+            for doubling in range(_DOUBLINGS):
+                ahead = self._try(trial.balls + 2.0**doubling * way, trial.overlap)
+                if doubling and dot(ahead.pull, way) < 0.0:
+                    break
+                there = ahead
+            return there, None
         self._tolerance = max(_FINER * trial.left, _LEAST_TOLERANCE)
         return trial, None
 
@@ -361,44 +381,12 @@ class _Trial:
         self.on_balls = np.sqrt(squares) / self.force
         self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (closed.size * self.force)
 
+    def slope(self, step: Motion) -> float:
+        """Return the slope of the energy along a step."""
+        return float(-np.sum(self.pull * step.balls) - self.push * step.compression)
+
     def bend(self, way: Array) -> float:
         """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""
         stiffness, none = 1.5 * self.root, np.zeros((0, *self.root.shape))
         change, _ = self.place.respond(Motion(way, 0.0), lambda loss, slip: (stiffness * loss, slip), self.forces, none)
         return dot(change, way)
-
-
-def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: ReducedLoad) -> _Trial:
-    """Return the state after a step, as far along it as the energy falls fast."""
-
-    def go(length: float) -> tuple[_Trial, float]:
-        place = geometry.place(trial.balls + length * step.balls, trial.overlap + length * step.compression)
-        there = _Trial(place, load)
-        return there, -float(np.sum(there.pull * step.balls)) - there.push * step.compression
-
-    first = -float(np.sum(trial.pull * step.balls)) - trial.push * step.compression
-    low, high, at_low, length = 0.0, math.inf, first, 1.0
-    for _ in range(_LENGTHS):
-        there, slope = go(length)
-        if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
-            break
-        if slope > 0.0:
-            high = length
-            length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
-        else:
-            low, at_low = length, slope
-            length = 0.5 * (low + high)
-    return there
-
-
-def _go_down(geometry: ExactGeometry, trial: _Trial, way: Array, load: ReducedLoad) -> _Trial:
-    """Return a state below a saddle, on a ``way`` along which the curvature there is below zero."""
-    size = math.sqrt(float(np.max(np.sum(geometry.stencils.cartesian(way) ** 2, axis=0))))
-    way = math.copysign(_FIRST_MOVE / size, dot(trial.pull, way)) * way
-    there = trial
-    for doubling in range(_DOUBLINGS):
-        ahead = _Trial(geometry.place(trial.balls + 2.0**doubling * way, trial.overlap), load)
-        if doubling and dot(ahead.pull, way) < 0.0:
-            break
-        there = ahead
-    return there

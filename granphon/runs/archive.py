@@ -94,7 +94,12 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     path.write_bytes(data)
     with path.open("ab") as stream:
         stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())
-    _write_table(dataset, path.with_suffix(".csv"))
+    # a row for each load, medium, combination of parameters and direction of sound
+    along = ("direction",) * ("direction" in dataset.coords)  # a single direction is a coordinate without a dimension
+    own = dataset["valid"].dims
+    dims = (*own, *(name for name in along if name in dataset.dims))
+    columns = [name for name, data in dataset.data_vars.items() if data.dims in (own, dims)]
+    _write_rows(dataset, path.with_suffix(".csv"), dims, [*along, *columns])
 
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
@@ -111,29 +116,18 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
 
 def _digest_numbers(dataset: Dataset) -> str:
     """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they are stored."""
-    variables = {
-        str(name): [list(variable.dims), list(variable.shape), *_read_content(variable.values), variable.attrs]
-        for name, variable in dataset.variables.items()
-    }
+    variables = dict[str, list[Any]]()
+    for name, variable in dataset.variables.items():
+        # neither the byte order nor the stored length of texts counts
+        values, kind, content = variable.values, "text", None
+        if values.dtype.kind in "OUT":
+            content = values.astype(str).tolist()
+        else:
+            ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+            kind, content = f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.data).hexdigest()
+        variables[str(name)] = [list(variable.dims), list(variable.shape), kind, content, variable.attrs]
     attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, *_HISTORY)}
     return digest({"variables": variables, "attributes": attributes})
-
-
-def _read_content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
-    """Return type and content of an array; they depend neither on its byte order nor on the stored length of texts."""
-    if values.dtype.kind in "OUT":
-        return "text", values.astype(str).tolist()
-    ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    return f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.data).hexdigest()
-
-
-def _write_table(dataset: Dataset, path: Path) -> None:
-    """Write one row for each load, medium, combination of parameters and direction of sound, with all digits."""
-    along = ("direction",) * ("direction" in dataset.coords)  # a single direction is a coordinate without a dimension
-    own = dataset["valid"].dims
-    dims = (*own, *(name for name in along if name in dataset.dims))
-    columns = [name for name, data in dataset.data_vars.items() if data.dims in (own, dims)]
-    _write_rows(dataset, path, dims, [*along, *columns])
 
 
 #: tables of the waves in simulated arrays, each with what runs over the rows besides the states
@@ -155,7 +149,7 @@ def write_waves(dataset: Dataset, path: Path) -> None:
 
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
-    """Write a row for each point of the grid of ``dims``: the load, medium and parameters, and then the ``columns``."""
+    """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the ``columns``, all digits."""
     load, own = next(name for name in LOADS if name in dataset.coords), dataset["valid"].dims
     names = [load, *own[1:], *columns]
     grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
@@ -185,7 +179,11 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if not sound:
         body = raw
         _try_elsewhere(path, body)
-    dataset = _open_checked(path, body)
+    try:
+        # open the bytes that were checked: the file itself may have changed since
+        dataset = open_bytes(body)
+    except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
+        raise _explain_unreadable(path, str(error)) from None
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
     schema: Any = dataset.attrs.get("schema")
@@ -219,38 +217,24 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
         if name in ("torsion", "direction") and values.dtype.kind in "OUT":
             continue  # "mindlin" is among the values of torsion; directions are named
         wrong = None if values.dtype.kind in "iuf" else "which are no numbers"
-        if wrong is None and lacking and (CATALOGUE[name].cost == "velocities" or name == "pressure"):
-            values = values[~np.isnan(values)]
-        if wrong is None and (told := _find_nonsense(name, values)) is not None:
-            wrong = "of which one is " + told
+        if wrong is None:
+            if lacking and (CATALOGUE[name].cost == "velocities" or name == "pressure"):
+                values = values[~np.isnan(values)]
+            good, allowed = np.isfinite(values), "finite"
+            if name in _MAY_BE_INFINITE:
+                good |= values == np.inf
+            if name in _ABOVE_ZERO:
+                good, allowed = good & (values > 0.0), "above zero"
+            elif name in _ZERO_OR_ABOVE or name in _ERRORS:
+                good, allowed = good & (values >= 0.0), "zero or above"
+            if name in _VELOCITIES:
+                good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
+            if name in _ERRORS | _MAY_BE_UNKNOWN:
+                good |= np.isnan(values)
+            wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
         if wrong is not None:
             what = f"{path} is damaged: it holds values of {name}, {wrong}"
             raise InputError(message(what, mend="Run the sweep again"))
-
-
-def _find_nonsense(name: str, values: np.ndarray[Any, Any]) -> str | None:
-    """Describe a value that the quantity ``name`` cannot have; None if there is none."""
-    good = np.isfinite(values)
-    if name in _MAY_BE_INFINITE:
-        good |= values == np.inf
-    allowed = "finite"
-    if name in _ABOVE_ZERO:
-        good, allowed = good & (values > 0.0), "above zero"
-    elif name in _ZERO_OR_ABOVE or name in _ERRORS:
-        good, allowed = good & (values >= 0.0), "zero or above"
-    if name in _VELOCITIES:
-        good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
-    if name in _ERRORS | _MAY_BE_UNKNOWN:
-        good |= np.isnan(values)
-    return None if np.all(good) else f"{values[~good].flat[0]:g}; allowed: {allowed}"
-
-
-def _open_checked(path: str | os.PathLike[str], data: bytes) -> Dataset:
-    try:
-        # open the bytes that were checked: the file itself may have changed since
-        return open_bytes(data)
-    except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
-        raise _explain_unreadable(path, str(error)) from None
 
 
 def open_bytes(data: bytes) -> Dataset:

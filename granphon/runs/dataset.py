@@ -85,7 +85,10 @@ def make_frame(grid: Grid, path: PathPoints | None) -> Dataset:
     along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
     if (given := asked.direction) is not None:
         many = isinstance(given[0], tuple)
-        names = np.array(_name_directions(given if many else (given,)))
+        each: Any = given if many else (given,)
+        short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in each]  # with as many digits as tell them apart
+        exact = [f"({', '.join(map(repr, numbers))})" for numbers in each]
+        names = np.array(short if len(set(short)) == len(short) else exact)
         along = f"{', '.join(names.tolist())}, Cartesian"
         about = {"long_name": "direction of propagation, Cartesian", "values": to_json(given)}
         coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
@@ -94,7 +97,15 @@ def make_frame(grid: Grid, path: PathPoints | None) -> Dataset:
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
         "finite_overlap": int(all(finite)), "direction": along,
     }  # fmt: skip
-    variables: dict[str, Any] = {} if path is None else _list_path_variables(path, finite)
+    variables: dict[str, Any] = {}
+    if path is not None:
+        # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
+        unit = "1/a" if all(finite) else "1/d" + ", or 1/a of media with finite overlap" * any(finite)
+        about = {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"}
+        fractions = {"long_name": "fractions of the reciprocal cell", "units": "1"}
+        variables["qpoints"] = (("segment", "point", "fraction"), path.qpoints, fractions)
+        variables["distances"] = (("segment", "point"), path.distances, about)
+        variables["labels"] = ("corner", np.array(path.labels), {"long_name": "corners of the path"})
     if (waves := asked.waves) is not None:
         attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})
         if waves.spectrum is not None:
@@ -131,13 +142,14 @@ def find_dataset(result: Any) -> Dataset | None:
 
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
     """Return for each medium of a sweep whether its states have finite overlap; False where a data set does not tell."""
-    everywhere, labels = bool(dataset.attrs.get("finite_overlap", 0)), np.atleast_1d(dataset["medium"].values)
-    return [everywhere or _is_exact(str(label)) for label in labels]
-
-
-def _is_exact(label: str) -> bool:
-    """Whether a label is that of a simulation in its exact geometry, as one with a history is by default."""
-    return f"geometry={EXACT}" in label or ("friction_history=true" in label and f"geometry={LATTICE}" not in label)
+    everywhere, labels = bool(dataset.attrs.get("finite_overlap", 0)), np.atleast_1d(dataset["medium"].values).astype(str)
+    # a simulation has finite overlap in its exact geometry, which one with a history takes by default
+    return [
+        everywhere
+        or f"geometry={EXACT}" in label
+        or ("friction_history=true" in label and f"geometry={LATTICE}" not in label)
+        for label in labels.tolist()
+    ]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
@@ -151,14 +163,22 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: Sequence[TaskResult]) -> Dataset:
+def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: list[TaskResult]) -> Dataset:
     """Return the frame with the results of the cases, ``parts``, filled in."""
     load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     along = ("direction",) * ("direction" in frame.dims)
     voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
     sizes = {name: part[name].shape[1:] for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].sampled}
-    parts = [_fill_errors(case, part, sizes) for case, part in zip(cases, parts, strict=True)]
+    for number, case in enumerate(cases):
+        # standard errors that a result lacks are zero for a medium that samples nothing, and nan, not known, for one sample
+        error = np.zeros(load.size)
+        for serving in case.case.serving_media:
+            error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
+        lacking = {name: shape for name, shape in sizes.items() if name not in parts[number]}
+        parts[number] |= {
+            name: np.moveaxis(np.broadcast_to(error, (*shape, load.size)), -1, 0) for name, shape in lacking.items()
+        }
     labels = [case.label for case in grid.cases]
     told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
@@ -187,18 +207,6 @@ def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: Sequence
     return frame.drop_vars(list(along_path)).assign(variables).assign(along_path).assign_attrs(warnings=to_json(warnings))
 
 
-def _fill_errors(case: CaseTasks, part: TaskResult, sizes: Mapping[str, tuple[int, ...]]) -> TaskResult:
-    """Return a result with the standard errors in ``sizes``, each with its shape at one load, that it lacks.
-
-    They are zero for a medium that samples nothing, and nan, not known, for a single sample.
-    """
-    error = np.zeros(case.case.load.size)
-    for serving in case.case.serving_media:
-        error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
-    each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
-    return part | {name: one for name, one in each.items() if name not in part}
-
-
 def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
     """Return results in which velocities, moduli, pressures and waves that only some of them have are nan in the others.
 
@@ -210,7 +218,7 @@ def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResu
         name: value
         for part in reversed(parts)
         for name, value in part.items()
-        if _is_of_sound(name) or _is_of_waves(name) or name == "pressure"
+        if name == "pressure" or (name in CATALOGUE and CATALOGUE[name].cost in ("velocities", *_OF_WAVES))
     }
     left_out = {
         name for name in ("bulk", "shear", "anisotropy") if any("tensor" in part and name not in part for part in parts)
@@ -236,33 +244,7 @@ def _is_of_sound(name: str) -> bool:
     return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
 
 
-def _is_of_waves(name: str) -> bool:
-    """Whether a quantity is one of the waves in simulated arrays."""
-    return name in CATALOGUE and CATALOGUE[name].cost in _OF_WAVES
-
-
-def _name_directions(given: Sequence[Sequence[float]]) -> list[str]:
-    """Return directions in words, such as "(1, 1, 0)", with as many digits as tell them apart."""
-    short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in given]
-    return short if len(set(short)) == len(short) else [f"({', '.join(map(repr, numbers))})" for numbers in given]
-
-
 def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
     """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
     entry = entry_of(name, packing)
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
-
-
-def _list_path_variables(path: PathPoints, finite_overlap: Sequence[bool]) -> dict[str, Any]:
-    # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
-    unit = "1/a" if all(finite_overlap) else "1/d" + ", or 1/a of media with finite overlap" * any(finite_overlap)
-    return {
-        "qpoints": (
-            ("segment", "point", "fraction"), path.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
-        ),
-        "distances": (
-            ("segment", "point"), path.distances,
-            {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"},
-        ),
-        "labels": ("corner", np.array(path.labels), {"long_name": "corners of the path"}),
-    }  # fmt: skip

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import Lattice, as_direction, find_lattice
+from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
@@ -46,7 +46,7 @@ from granphon.runs.dataset import PathPoints, collect_identity, fill, make_frame
 from granphon.runs.execution import solve_all
 from granphon.runs.samples import SampleRecord
 from granphon.runs.store import Store, TaskResult, open_store
-from granphon.runs.tasks import INCOMPLETE, CaseTasks, drop_marks, require_complete, to_json
+from granphon.runs.tasks import INCOMPLETE, CaseTasks, drop_marks, explain_end, find_reached, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
 
 if TYPE_CHECKING:
@@ -160,18 +160,52 @@ def sweep(
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     # all lattices of a sweep have the same number of periods
     lattice = find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
-    choices = _parse_media(media, lattice)
+    choices = [MediumChoice.parse(one, lattice) for one in (media if isinstance(media, list | tuple) else [media])]
+    if not choices:
+        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
+    if twice := [choice.label for choice in choices if choices.count(choice) > 1]:
+        raise InputError(message(f"the medium {twice[0]!r} is given twice", mend="Give each once"))
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
-    along = _parse_direction(lattice, direction)
-    waves = _parse_waves(dos, spectrum, pulse, lattice, along)
+
+    # one direction as its numbers, or many as a tuple of these
+    way: tuple[Any, ...] | None = None
+    if direction is not None:
+        along, numbers = as_direction(direction, lattice.periods), np.asarray(direction, float).tolist()
+        way = tuple(map(tuple, numbers)) if along.ndim > 1 else tuple(numbers)
+        if along.ndim > 1 and (double := find_double(along.tolist())) is not None:
+            what = f"the sweep has the direction {way[double]} twice"
+            raise InputError(message(what, mend="Give each direction once"))
+
+    # what of the waves in samples
+    waves, density = None, require("dos", truth, dos)
+    path_of_spectra = BandPath.default(lattice) if spectrum is not None else None
+    if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
+        rules = spectrum_rules(read=False) | {"path": partial(BandPath.read, structure=lattice)}
+        given = require("spectrum", partial(block, rules=rules), spectrum)
+        path_of_spectra = given.pop("path", path_of_spectra)
+        spectrum = SpectrumSettings(**given)
+    if pulse is not None and not isinstance(pulse, PulseSettings):
+        rules = pulse_rules(read=False)
+        pulse = PulseSettings(**require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse))
+    if pulse is not None and way and isinstance(way[0], tuple):
+        raise InputError(message("a pulse is asked for in several directions", mend="Give one direction"))
+    if density or spectrum is not None or pulse is not None:
+        corners = ((), ()) if path_of_spectra is None else (path_of_spectra.paths, path_of_spectra.names)
+        waves = WaveSettings(density, spectrum, *corners, pulse, way if pulse is not None else None)
+
     # bands are those of a mechanism too
-    asked = Asked(finite_overlap, direction=along, waves=waves, sound=bands is None)
+    asked = Asked(finite_overlap, direction=way, waves=waves, sound=bands is None)
     grid = Grid(packing, axes, choices, load, asked)
     if waves is not None:
+        from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
+
         require_arrays(choices, parameters, waves.names)
         for case in grid.cases:
-            _require_waves(case, waves)
+            try:
+                require_waves(case.serving_media, waves)
+            except GranphonError as error:
+                raise type(error)(f"{case.label}: {error}") from None
     return sweep_grid(
         grid, bands=bands, npoints=npoints, labels=labels,
         executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
@@ -258,59 +292,16 @@ class SweepRun:
         left = iter(found)
         parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.cases]
         dataset = fill(self.frame, self.grid, self.cases, [drop_marks(part) for part in parts])
-        require_complete(parts, dataset)
+        places = find_reached(parts, dataset.sizes["load"])
+        if len(places) < dataset.sizes["load"]:
+            error = explain_end(parts)
+            error.reached = dataset.isel(load=places).assign_attrs({INCOMPLETE: str(error)})
+            raise error
         return dataset
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
         """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
         return fill(self.frame, self.grid, self.cases, [self.cases[0].observe_alone(analysis, records)])
-
-
-def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
-    """Parse the media; :class:`InputError` if there is none, or one is given twice, or has options of another lattice."""
-    choices = [MediumChoice.parse(one, lattice) for one in (given if isinstance(given, list | tuple) else [given])]
-    if not choices:
-        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
-    double = [choice.label for choice in choices if choices.count(choice) > 1]
-    if double:
-        raise InputError(message(f"the medium {double[0]!r} is given twice", mend="Give each once"))
-    return choices
-
-
-def _parse_waves(
-    dos: bool, spectrum: Any, pulse: Any, lattice: Lattice, direction: tuple[Any, ...] | None
-) -> WaveSettings | None:
-    """Return what is asked of the waves in samples; None for nothing."""
-    wanted = require("dos", truth, dos)
-    if not wanted and spectrum is None and pulse is None:
-        return None
-    path = BandPath.default(lattice) if spectrum is not None else None
-    if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
-        rules = spectrum_rules(read=False) | {"path": partial(BandPath.read, structure=lattice)}
-        given = require("spectrum", partial(block, rules=rules), spectrum)
-        path = given.pop("path", path)
-        spectrum = SpectrumSettings(**given)
-    if pulse is not None and not isinstance(pulse, PulseSettings):
-        rules = pulse_rules(read=False)
-        pulse = PulseSettings(**require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse))
-    if pulse is not None and direction and isinstance(direction[0], tuple):
-        raise InputError(message("a pulse is asked for in several directions", mend="Give one direction"))
-    way = (path.paths, path.names) if path is not None else ((), ())
-    return WaveSettings(wanted, spectrum, *way, pulse, direction if pulse is not None else None)
-
-
-def _parse_direction(lattice: Lattice, direction: ArrayLike | None) -> tuple[Any, ...] | None:
-    """Return one direction as its numbers, or many as a tuple of these; :class:`InputError` if the lattice has none such."""
-    if direction is None:
-        return None
-    along = as_direction(direction, lattice.periods)
-    numbers = np.asarray(direction, float).tolist()
-    if along.ndim == 1:
-        return tuple(numbers)
-    if (double := find_double(along.tolist())) is not None:
-        what = f"the sweep has the direction {tuple(numbers[double])} twice"
-        raise InputError(message(what, mend="Give each direction once"))
-    return tuple(map(tuple, numbers))
 
 
 def _require_sound(cases: Sequence[Case]) -> None:
@@ -322,9 +313,8 @@ def _require_sound(cases: Sequence[Case]) -> None:
     for case in cases:
         packing = case.packing
         present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
-        pushed = (
-            case.asked.finite_overlap and not case.medium.is_exact
-        )  # an array is not the lattice, and has its own forces
+        # an array is not the lattice, and has its own forces
+        pushed = case.asked.finite_overlap and not case.medium.is_exact
         kind = (packing.structure, present, packing.ball_motions, pushed)
         if kind in known:
             continue
@@ -335,16 +325,6 @@ def _require_sound(cases: Sequence[Case]) -> None:
             lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
         except (MechanismError, InstabilityError) as error:
             raise type(error)(f"{case.label}: {error}") from None
-
-
-def _require_waves(case: Case, wanted: WaveSettings) -> None:
-    """Raise, with the case in front, if it is known that its arrays do not have the waves that are wanted."""
-    from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
-
-    try:
-        require_waves(case.serving_media, wanted)
-    except GranphonError as error:
-        raise type(error)(f"{case.label}: {error}") from None
 
 
 # -- paths of loads that end early -----------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +39,6 @@ from granphon.runs.cases import Asked, Case
 from granphon.runs.samples import RecordedState, SampleRecord, keep_balls, restore_sample
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
-
-if TYPE_CHECKING:
-    from xarray import Dataset
-
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -202,7 +198,7 @@ class MediumTask:
         """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of them have reached."""
         if not self.serving.arrays:
             return parts[0]
-        size, places, own = self.load.size, _find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
+        size, places, own = self.load.size, find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
         out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
@@ -252,8 +248,16 @@ class MediumTask:
         notes += warn_of_missing_error(out)
         found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
         if asked.qpoints is not None:
-            found["frequencies"], free = _compute_frequencies(state, asked.qpoints)
-            notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
+            # the frequencies that phonopy gives, but from C(q), which needs no force constants. In the paper's limit one
+            # dispersion relation serves all loads, unless the torsion is that of a Hertz contact
+            loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
+            lattices = [one.contact_lattice() for one in (loads[:1] if state.loaded_lattice.is_one else loads)]
+            paths = [one.wavevectors(asked.qpoints.reshape(-1, 3)) for one in lattices]
+            rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
+            hertz = np.array([one.scales.frequency for one in loads])
+            found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *asked.qpoints.shape[:2], -1)
+            notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
+            notes += [LATTICE_BANDS] * bool(state.n_samples)
         return found | {"warnings": _write_notes(dict.fromkeys(notes))}
 
     def _locate(self, error: GranphonError) -> GranphonError:
@@ -319,21 +323,6 @@ def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[
     return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
 
 
-def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tuple[str, ...]]:
-    """Compute the frequencies along the path, (n_loads, s, p, n_branches), Hz, and the warnings on those that cost nothing.
-
-    They are those that phonopy gives, but computed from C(q), which needs no force constants. In the paper's limit one
-    dispersion relation serves all loads, unless the torsion is that of a Hertz contact.
-    """
-    loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
-    lattices = [one.contact_lattice() for one in (loads[:1] if state.loaded_lattice.is_one else loads)]
-    paths = [one.wavevectors(qpoints.reshape(-1, 3)) for one in lattices]
-    rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
-    hertz = np.array([one.scales.frequency for one in loads])
-    out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
-    return out, (*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0]))
-
-
 # -- of a sample ----------------------------------------------------------------------------------------------------
 
 
@@ -356,11 +345,23 @@ class SampleTask(MediumTask):
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
-        if self.simulation.friction_history:
-            return self._follow_path()
+        simulation, size = self.simulation, self.load.size
+        if simulation.friction_history:
+            try:
+                return super().solve()
+            except GranphonError as error:
+                if error.reached is None:
+                    raise
+                # the path has ended early: the result is that at the loads before, marked with the error
+                history: Any = simulation.history
+                order = history.sort(simulation.prescribed(self.load))
+                places = sorted(order[: len(error.reached.force)])
+                at = -1 if error.load_index is None else error.load_index
+                missed = np.setdiff1d(np.arange(size), places)
+                marks = {_MISSED: missed, _WHY: np.array([str(error)]), _AT: np.array([at])}
+                return _expand_loads(self._record(error.reached.samples), places, size) | marks
         index: int | None = None
         try:
-            simulation = self.simulation
             loads = simulation.prescribed(self.load)
             order = sort_by_load(loads)
             so_far = dict(begun or {})
@@ -378,17 +379,6 @@ class SampleTask(MediumTask):
             return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
         return {name: value[np.argsort(order)] for name, value in found.items()}
 
-    def _follow_path(self) -> TaskResult:
-        """Return what is averaged at all loads of a path; or at those before the path ends, if it ends early."""
-        simulation: Any = self.simulation
-        try:
-            return super().solve()
-        except GranphonError as error:
-            if error.reached is None:
-                raise
-            order, count = simulation.history.sort(simulation.prescribed(self.load)), len(error.reached.force)
-            return _end_early(self._record(error.reached.samples), sorted(order[:count]), self.load.size, error)
-
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...), and the balls if they are kept."""
         return self._record(analysis.state.samples)
@@ -400,13 +390,6 @@ class SampleTask(MediumTask):
 
 
 # -- paths of loads that end early -----------------------------------------------------------------------------------
-
-
-def _end_early(part: TaskResult, places: Sequence[int], size: int, error: GranphonError) -> TaskResult:
-    """Return a result at the loads in ``places``, of ``size``, marked with the error that ended the path."""
-    at = -1 if error.load_index is None else error.load_index
-    missed = np.setdiff1d(np.arange(size), places)
-    return _expand_loads(part, places, size) | {_MISSED: missed, _WHY: np.array([str(error)]), _AT: np.array([at])}
 
 
 def _expand_loads(part: TaskResult, places: Sequence[int], size: int) -> TaskResult:
@@ -421,11 +404,11 @@ def drop_marks(part: TaskResult) -> TaskResult:
     return {name: value for name, value in part.items() if name not in _MARKS}
 
 
-def _find_reached(parts: Sequence[TaskResult], size: int) -> list[int]:
+def find_reached(parts: Sequence[TaskResult], size: int) -> list[int]:
     """Return the places of the loads, of ``size``, that all results have; raise the error of a path if there is none."""
     missed = {place for part in parts if _MISSED in part for place in part[_MISSED].tolist()}
     if len(missed) == size:
-        raise _explain(parts)
+        raise explain_end(parts)
     return [place for place in range(size) if place not in missed]
 
 
@@ -438,16 +421,7 @@ def _join_marks(parts: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> T
     return {_MISSED: missed} | {name: np.concatenate([part[name] for part, _ in ended]) for name in (_WHY, _AT)}
 
 
-def require_complete(parts: Sequence[TaskResult], dataset: Dataset) -> None:
-    """Raise the error of a path that ended early, if one did; its ``reached`` is the data set without the missing loads."""
-    places = _find_reached(parts, dataset.sizes["load"])
-    if len(places) < dataset.sizes["load"]:
-        error = _explain(parts)
-        error.reached = dataset.isel(load=places).assign_attrs({INCOMPLETE: str(error)})
-        raise error
-
-
-def _explain(parts: Sequence[TaskResult]) -> ConvergenceError:
+def explain_end(parts: Sequence[TaskResult]) -> ConvergenceError:
     """Return the error of the first path that ended early."""
     whys, places = ([one for part in parts if name in part for one in part[name].tolist()] for name in (_WHY, _AT))
     more = "" if len(whys) == 1 else f" {counted(len(whys) - 1, 'more path')} of the sweep ended early."

@@ -11,35 +11,38 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample, standard_error
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.results import Result
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
+from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.waves.chebyshev import Kernel
+from granphon.waves.dos import SpectralDensity
 from granphon.waves.operator import WaveOperator
-from granphon.waves.path_spectra import find_path_points
+from granphon.waves.path_spectra import PathSpectra, find_path_points
 from granphon.waves.plane_waves import find_polarisations
 from granphon.waves.pulse_source import MARGIN, PulseSource, require_sendable, transmit
-from granphon.waves.pulses import Pulse
-from granphon.waves.settings import PulseSettings, WaveSettings
-from granphon.waves.spectral_functions import find_attenuation, find_ioffe_regel, find_mean_free_path
+from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.settings import WaveSettings
+from granphon.waves.spectral_functions import SpectralFunction, find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.waves import Waves
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
-Kept = TypeVar("Kept", bound=Result)
 #: what the names of whole results begin with
 _WHOLE = "whole."
 #: numbers of a pulse that are averaged, and what a pulse calls them
@@ -89,7 +92,7 @@ def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, 
 def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> dict[str, Array]:
     """Find what is wanted of the waves in a sample, and return the numbers that are averaged, in SI units by name.
 
-    With ``whole`` the results themselves are kept too, for :func:`read_whole`.
+    With ``whole`` the results themselves are kept too, for :class:`SampleWaves`.
     """
     waves, out, results = Waves(sample), dict[str, Array](), dict[str, Result]()
     if wanted.dos:
@@ -106,32 +109,69 @@ def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> d
         out["wavenumber"] = spectra[settings.polarisation[0]].wavenumber
         results |= spectra
     if wanted.pulse is not None:
-        numbers, pulse = _record_pulse(waves, wanted.pulse, wanted.direction)
-        out |= numbers
-        results |= {} if pulse is None else {"pulse": pulse}
+        # what cannot be known of a pulse is nan, and the text ``pulse_note`` says why
+        numbers, note, said = dict.fromkeys(_PULSE, math.nan), "", ""
+        try:
+            heard = transmit(waves.network, PulseSource.of(wanted.pulse, waves.network, wanted.direction))
+            numbers |= {name: getattr(heard, source) for name, source in _PULSE.items()}
+            note, results["pulse"] = heard.why_unknown, heard
+            said = " ".join(text for text in heard.warnings if not note or note not in text)
+        except GranphonError as error:  # what could be known before the simulation has been refused by now
+            note = str(error)
+        out |= {name: np.array(value) for name, value in numbers.items()}
+        out |= {"pulse_note": np.array(note), "pulse_echo": np.array(said)}
     if whole:
         out |= {_WHOLE + name: np.array(json.dumps(one.to_dict()).encode()) for name, one in results.items()}
     return out
 
 
-def read_whole(record: Record, name: str, kind: type[Kept]) -> Kept | None:
-    """Return a result that :func:`record_waves` has kept: "dos", "pulse" or a polarisation; None if there is none."""
-    text = record.get(_WHOLE + name)
-    return None if text is None else kind.from_dict(json.loads(text.item()))
+@dataclass(frozen=True)
+class SampleWaves:
+    """Waves in the samples of a single state; what was not asked for is None.
+
+    ``dos`` and ``spectra`` are those of the first sample, and ``pulse`` of all samples through which one could be sent.
+    """
+
+    dos: SpectralDensity | None = None
+    spectra: PathSpectra | None = None
+    pulse: Pulse | None = None
+
+    @classmethod
+    def of(cls, wanted: WaveSettings | None, state: ContactState, records: Sequence[Record]) -> Self:
+        """Take the waves from what :func:`record_waves` has kept of the samples of a state."""
+
+        def read(record: Record, name: str, kind: type[Result]) -> Any:
+            text = record.get(_WHOLE + name)
+            return None if text is None else kind.from_dict(json.loads(text.item()))
+
+        first, path = records[0], None
+        if wanted is not None and wanted.spectrum is not None:
+            spectra = [read(first, name, SpectralFunction) for name in wanted.spectrum.polarisation]
+            ends, way = first["path_corners"], first["path_distance"]
+            path = PathSpectra.of(
+                spectra, ends, way, state.contact_lattice(), state.scales, list(map(np.array, wanted.path)), wanted.labels
+            )
+        sent = [one for record in records if (one := read(record, "pulse", Pulse)) is not None]
+        return cls(read(first, "dos", SpectralDensity), path, average_pulses(sent) if sent else None)
+
+    @property
+    def results(self) -> dict[str, Any]:
+        """What was found, by the names of the files."""
+        found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
+        return {name: one for name, one in found.items() if one is not None}
 
 
-def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> tuple[dict[str, Array], Pulse | None]:
-    """Send a pulse. What cannot be known of it is nan, and the text ``pulse_note`` says why."""
-    out, note, said, heard = dict.fromkeys(_PULSE, math.nan), "", "", None
+def read_waves(path: Path) -> Any:
+    """Read the result in a file ``sample_dos.json``, ``spectrum.json`` or ``pulse.json``."""
+    kinds: dict[str, type[Result]] = {"sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse}
     try:
-        heard = transmit(waves.network, PulseSource.of(settings, waves.network, direction))
-        out |= {name: getattr(heard, source) for name, source in _PULSE.items()}
-        note = heard.why_unknown
-        said = " ".join(text for text in heard.warnings if not note or note not in text)
-    except GranphonError as error:  # what could be known before the simulation has been refused by now
-        note = str(error)
-    numbers = {name: np.array(value) for name, value in out.items()}
-    return numbers | {"pulse_note": np.array(note), "pulse_echo": np.array(said)}, heard
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        raise InputError(message(f"{path} is not JSON", mend="Run the scene again")) from None
+    try:
+        return kinds[path.stem].from_dict(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 # -- of several samples at one load -------------------------------------------------------------------------------------
@@ -142,105 +182,81 @@ def average_waves(records: Sequence[Record], wanted: WaveSettings) -> tuple[dict
 
     Standard errors are those over samples; a density of states of one sample has that of the random vectors.
     """
-    out, notes = dict[str, Array](), list[str]()
+    out, notes, several = dict[str, Array](), list[str](), len(records) > 1
     if wanted.dos:
-        out |= _average_dos([one["dos"] for one in records])
+        from scipy.interpolate import CubicSpline
+
+        # at the points of the sample whose frequencies reach highest; the densities of the others are interpolated
+        found = [one["dos"] for one in records]
+        points = max((one[0] for one in found), key=lambda one: float(one[-1]))
+        densities = [
+            one[1:]
+            if np.array_equal(one[0], points)
+            else np.where(points <= one[0, -1], np.maximum(CubicSpline(one[0], one[1:], axis=1)(points), 0.0), 0.0)
+            for one in found
+        ]
+        translational, rotational, own = np.mean(densities, axis=0)
+        totals = [one[0] + one[1] for one in densities]
+        out |= {
+            "dos_frequency": points, "dos_total": translational + rotational, "dos_translational": translational,
+            "dos_rotational": rotational, "dos_error": standard_error(np.array(totals), axis=0) if several else own,
+        }  # fmt: skip
     if wanted.spectrum is not None:
-        found, said = _average_spectra(records, wanted.spectrum.polarisation)
-        out, notes = out | found, notes + said
-    if wanted.pulse is not None:
-        found, said = _average_pulses(records)
-        out, notes = out | found, notes + said
-    return out, notes
-
-
-def _average_dos(found: Sequence[Array]) -> dict[str, Array]:
-    """Average densities at the points of the sample whose frequencies reach highest; others are interpolated."""
-    from scipy.interpolate import CubicSpline
-
-    points = max((one[0] for one in found), key=lambda one: float(one[-1]))
-
-    def at(one: Array) -> Array:
-        if np.array_equal(one[0], points):
-            return one[1:]
-        return np.where(points <= one[0, -1], np.maximum(CubicSpline(one[0], one[1:], axis=1)(points), 0.0), 0.0)
-
-    every = np.array([at(one) for one in found])
-    translational, rotational, own = np.mean(every, axis=0)
-    total = every[:, 0] + every[:, 1]
-    error = standard_error(total, axis=0) if len(found) > 1 else own
-    return {
-        "dos_frequency": points, "dos_total": translational + rotational, "dos_translational": translational,
-        "dos_rotational": rotational, "dos_error": error,
-    }  # fmt: skip
-
-
-def _average_spectra(records: Sequence[Record], polarisations: Sequence[str]) -> tuple[dict[str, Array], list[str]]:
-    """Average peaks and widths; the other observables are those of the mean lines."""
-    first = records[0]
-    out = {name: first[name] for name in ("path_corners", "path_distance", "wavenumber")}
-    every = np.array([one["lines"] for one in records])  # samples, polarisations, (peak, width, resolved), wave vectors
-    q = out["wavenumber"]
-
-    peak, width, resolved = np.moveaxis(np.mean(every, axis=0), 1, 0)
-    velocity = 2.0 * np.pi * peak / q
-    out |= {
-        "line_frequency": peak, "line_width": width, "line_resolved": resolved, "phase_velocity": velocity,
-        "attenuation": find_attenuation(velocity, width), "mean_free_path": find_mean_free_path(velocity, width),
-    }  # fmt: skip
-    if len(records) > 1:
-        peaks, widths = every[:, :, 0], every[:, :, 1]
-        out["line_frequency_error"] = standard_error(peaks, axis=0)
-        out["line_width_error"] = standard_error(widths, axis=0)
-        out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
-        out["attenuation_error"] = standard_error(find_attenuation(2.0 * np.pi * peaks / q, widths), axis=0)
-    notes = []
-    for number, name in enumerate(polarisations):
-        try:
-            found = find_ioffe_regel(q, peak[number], width[number])
-        except InputError as error:
-            notes.append(f"no Ioffe-Regel frequency of {name} waves: {error}")
-            continue
-        if found is None:
+        # peaks and widths are averaged; the other observables are those of the mean lines
+        out |= {name: records[0][name] for name in ("path_corners", "path_distance", "wavenumber")}
+        every = np.array([one["lines"] for one in records])  # samples, polarisations, (peak, width, resolved), wave vectors
+        q = out["wavenumber"]
+        peak, width, resolved = np.moveaxis(np.mean(every, axis=0), 1, 0)
+        velocity = 2.0 * np.pi * peak / q
+        out |= {
+            "line_frequency": peak, "line_width": width, "line_resolved": resolved, "phase_velocity": velocity,
+            "attenuation": find_attenuation(velocity, width), "mean_free_path": find_mean_free_path(velocity, width),
+        }  # fmt: skip
+        if several:
+            peaks, widths = every[:, :, 0], every[:, :, 1]
+            out["line_frequency_error"] = standard_error(peaks, axis=0)
+            out["line_width_error"] = standard_error(widths, axis=0)
+            out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
+            out["attenuation_error"] = standard_error(find_attenuation(2.0 * np.pi * peaks / q, widths), axis=0)
+        for number, name in enumerate(wanted.spectrum.polarisation):
             why = "their mean free path is longer than 1/|q| all along the path"
-            notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
-            continue
-        out[f"ioffe_regel_{name}"] = np.array(found)
-        if len(records) > 1:
-            out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(partial(_cross, q), every[:, number]))
+            crossing = None
+            try:
+                crossing = find_ioffe_regel(q, peak[number], width[number])
+            except InputError as error:
+                why = str(error)
+            if crossing is None:
+                notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
+                continue
+            out[f"ioffe_regel_{name}"] = np.array(crossing)
+            if several:
+                out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(q, every[:, number]))
+    if wanted.pulse is not None:
+        # pulses that could be read are averaged; notes say in how many samples they could not, and why
+        for name in _PULSE:
+            each = np.array([float(one[name]) for one in records])
+            known = each[np.isfinite(each)]
+            if known.size:
+                out[name] = np.array(np.mean(known))
+            if name == "pulse_velocity" and known.size > 1:
+                out["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
+        notes += dict.fromkeys(str(one["pulse_echo"]) for one in records if str(one["pulse_echo"]))
+        if reasons := [str(one["pulse_note"]) for one in records if str(one["pulse_note"])]:
+            where = f" in {len(reasons)} of {len(records)} samples" if several else ""
+            rest = ", and the mean is that of the others" if len(reasons) < len(records) else ""
+            notes.append(f"the arrival of the pulse is not known{where}{rest}: {reasons[0]}")
     return out, notes
 
 
-def _cross(q: Array, lines: Array) -> float:
-    """Return the Ioffe-Regel frequency of lines (3, n), Hz; nan if there is none."""
-    try:
-        found = find_ioffe_regel(q, lines[0], lines[1])
-    except InputError:
-        return math.nan
-    return math.nan if found is None else found
+def _jackknife(q: Array, lines: Array) -> float:
+    """Return the standard error of the Ioffe-Regel frequency, Hz, as the lines (samples, 3, n) are left out one by one.
 
-
-def _jackknife(of: Callable[[Array], float], every: Array) -> float:
-    """Return the standard error of a function of the mean over the first axis, as samples are left out one by one."""
-    count = len(every)
-    without = [of(np.mean(np.delete(every, left, axis=0), axis=0)) for left in range(count)]
-    return math.sqrt(count - 1) * float(np.std(without))
-
-
-def _average_pulses(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
-    """Average the pulses that could be read; notes say in how many samples they could not, and why."""
-    out = dict[str, Array]()
-    values = {name: np.array([float(one[name]) for one in records]) for name in _PULSE}
-    for name, each in values.items():
-        known = each[np.isfinite(each)]
-        if known.size:
-            out[name] = np.array(np.mean(known))
-        if name == "pulse_velocity" and known.size > 1:
-            out["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
-    notes = list(dict.fromkeys(str(one["pulse_echo"]) for one in records if str(one["pulse_echo"])))
-    reasons = [str(one["pulse_note"]) for one in records if str(one["pulse_note"])]
-    if reasons:
-        where = "" if len(records) == 1 else f" in {len(reasons)} of {len(records)} samples"
-        rest = ", and the mean is that of the others" if len(reasons) < len(records) else ""
-        notes.append(f"the arrival of the pulse is not known{where}{rest}: {reasons[0]}")
-    return out, notes
+    It is nan where the lines that are left have none.
+    """
+    found = []
+    for left in range(len(lines)):
+        peak, width, _ = np.mean(np.delete(lines, left, axis=0), axis=0)
+        with suppress(InputError):
+            found.append(find_ioffe_regel(q, peak, width))
+    unknown = len(found) < len(lines) or None in found
+    return math.nan if unknown else math.sqrt(len(lines) - 1) * float(np.std(np.array(found, float)))

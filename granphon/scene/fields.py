@@ -47,13 +47,6 @@ class Field(NamedTuple):
     words: str
     default: str = ""
 
-    def write(self, scene: Any, at: Context) -> Any:
-        """Return what the file of a scene says; None if it leaves the key out."""
-        value: Any = scene
-        for name in self.place.split("."):
-            value = None if value is None else getattr(value, name)
-        return None if value is None else self.kind.write(value, at)
-
 
 def _load(kind: str, words: str) -> Field:
     """Return the field of a kind of load."""
@@ -195,9 +188,13 @@ def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
     """Return what the file of a scene holds, with every default written out, as plain data."""
     out: dict[str, Any] = {}
     for name, fields in _BLOCKS.items():
-        found = {key: value for key, field in fields.items() if (value := field.write(scene, at)) is not None}
-        if found:
-            out[name] = found.get("", found)
+        for key, field in fields.items():
+            value = scene
+            for attribute in field.place.split("."):
+                value = None if value is None else getattr(value, attribute)
+            # a key is left out where it has no value, and where its kind writes none
+            if value is not None and (value := field.kind.write(value, at)) is not None:
+                out |= {name: out.get(name, {}) | {key: value} if key else value}
     return out
 
 
@@ -224,7 +221,18 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         at = Context(_find_lattice(data), folder=folder)
         return block(data, {name: partial(_read_block, name, at=at) for name in _BLOCKS}, _NEEDED_BLOCKS)
     except Refused as refused:
-        raise document.error(refused.path, str(_convert_percent(data, refused))) from None
+        with suppress(LookupError, TypeError, Refused, AttributeError):
+            # a width in per cent is told as the length that it is of the diameter
+            value = data
+            for key in refused.path:
+                value = value[key]
+            told = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
+            if told and refused.path[:2] in (("packing", "spread"), ("sweep", "width"), ("sweep", "spread")):
+                diameter = LENGTH.read(data["packing"]["diameter"])
+                width = write_quantity(float(told[1]) / 100.0 * diameter, "m")
+                mend = f"{told[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
+                refused = Refused(refused.found, refused.allowed, mend, refused.path)
+        raise document.error(refused.path, str(refused)) from None
 
 
 def _read_block(name: str, value: Any, at: Context) -> Any:
@@ -272,18 +280,3 @@ def _find_lattice(data: Any) -> Lattice:
         if isinstance(inside, Mapping) and "lattice" in inside:
             found[name] = read_inside(name, partial(read_inside, "lattice", rule), inside["lattice"])
     return rules.choose_lattice(find_lattice(found.get("packing", TRIANGULAR)), found.get("sweep", ()))
-
-
-def _convert_percent(data: Any, refused: Refused) -> Refused:
-    """Return the refusal of a width in per cent with the length that it is of the diameter; any other as it is."""
-    value: Any = data
-    with suppress(LookupError, TypeError, Refused, AttributeError):
-        for key in refused.path:
-            value = value[key]
-        told = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
-        if told and refused.path[:2] in (("packing", "spread"), ("sweep", "width"), ("sweep", "spread")):
-            diameter = LENGTH.read(data["packing"]["diameter"])
-            width = write_quantity(float(told[1]) / 100.0 * diameter, "m")
-            mend = f"{told[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
-            return Refused(refused.found, refused.allowed, mend, refused.path)
-    return refused

@@ -7,16 +7,16 @@ twice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
+from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, MechanismError, message
 from granphon.base.progress import Progress
@@ -81,15 +81,12 @@ class PlannedCase:
             label = f"{self.case.label}: {serving.medium.label}" if serving.chosen_automatically else self.case.label
             yield label, self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
 
-    def require(self) -> None:
-        """Raise if the packing is not rigid, has no such medium, or cannot carry the least or the greatest of the loads.
+    @cached_property
+    def is_possible(self) -> bool:
+        """True; raises if the packing is not rigid, has no such medium, or cannot carry the least or greatest of the loads.
 
         For this no simulation, no cluster medium, and no effective medium of a long list of diameters is solved.
         """
-        _ = self._is_carried
-
-    @cached_property
-    def _is_carried(self) -> bool:
         for index in dict.fromkeys((int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))):
             serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
@@ -135,11 +132,6 @@ class Plan:
     origin: SceneSource
     axes: tuple[Axis, ...]
     load: Load
-
-    @classmethod
-    def of(cls, scene: Specification, origin: SceneSource) -> Plan:
-        """Make the plan of a scene, with all its parameters and loads."""
-        return cls(scene, origin, tuple(Axis(*axis) for axis in scene.parameters), scene.load)
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
@@ -223,26 +215,44 @@ class Plan:
 
     def require(self) -> None:
         """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium cannot carry a load."""
-        self._require_values()
-        lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
+        scene, packing = self.scene, self.scene.packing
+        for axis in self.axes:  # the first value that the packing cannot have
+            with suppress(GranphonError, ArithmeticError):
+                for value in axis.ends.values:
+                    change_packing(packing, {axis.name: value})
+                continue
+            for index, value in enumerate(axis.values):
+                with self.origin.at_value(axis.name, index):
+                    change_packing(packing, {axis.name: value})
         with self.origin.at("sweep"):
             count_combinations(self.axes)
             few = self.few
+        place = ("sweep", "lattice") if "lattice" in dict(scene.parameters) else ("packing", "lattice")
         left: float = QUICK_STARTS
         for one in few:
             case, packing = one.case, one.case.packing
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
-            with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
-                if "velocities" in self.scene.observe:
-                    self._require_rigid(packing)
+            with self.origin.at(*place, before=found + (case.where and f"{case.where}: ")):
+                if "velocities" in scene.observe:
+                    try:
+                        # the torsion of a Hertz contact depends on the load; how large it is does not matter here
+                        ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
+                    except MechanismError as error:
+                        mend = (
+                            "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
+                        )
+                        if scene.parameters_of_branches:
+                            mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
+                        elif not self.is_single:
+                            mend = "It has bands, which a sweep without velocities has: observe: [bands]"
+                        raise MechanismError(message(str(error), mend=mend)) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
                 # a sweep leaves it to its own processes to solve one law after the other
                 later = not self.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
-            if not later:
-                one.require()
+            _ = later or one.is_possible
             left = one.require_start(left)
         self.require_waves(QUICK_BALLS)
 
@@ -252,7 +262,7 @@ class Plan:
         Nothing is simulated; arrays of more than a hundred thousand balls take seconds.
         """
         wanted = self.scene.waves
-        if wanted is None or not self.scene.waves_need_arrays:
+        if wanted is None or (wanted.spectrum is None and wanted.pulse is None):
             return
         from granphon.runs.wave_records import require_waves  # imported here: a scene without waves does not need it
 
@@ -261,32 +271,6 @@ class Plan:
                 require_waves(one.serving_media, replace(wanted, pulse=None), most)
             with self.origin.at("pulse"):
                 require_waves(one.serving_media, replace(wanted, spectrum=None), most)
-
-    def _require_rigid(self, packing: Packing) -> None:
-        """Raise MechanismError if the velocities of a packing do not exist, with the observables that do."""
-        try:
-            # the torsion of a Hertz contact depends on the load; how large it is does not matter here
-            ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
-        except MechanismError as error:
-            if self.scene.parameters_of_branches:
-                mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
-            elif not self.is_single:
-                mend = "It has bands, which a sweep without velocities has: observe: [bands]"
-            else:
-                mend = "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
-            raise MechanismError(message(str(error), mend=mend)) from None
-
-    def _require_values(self) -> None:
-        """Raise at the first value of a parameter that the packing cannot have."""
-        packing = self.scene.packing
-        for axis in self.axes:
-            with suppress(GranphonError, ArithmeticError):
-                for value in axis.ends.values:
-                    change_packing(packing, {axis.name: value})
-                continue
-            for index, value in enumerate(axis.values):
-                with self.origin.at_value(axis.name, index):
-                    change_packing(packing, {axis.name: value})
 
     # -- states ---------------------------------------------------------------------------------------------------------
 
@@ -300,7 +284,7 @@ class Plan:
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
         """See :meth:`granphon.scene.scene.Scene.states`."""
         for one in self.cases:
-            one.require()
+            _ = one.is_possible
             yield from one.states(lambda serving: serving.is_quick or (simulations if serving.arrays else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
@@ -355,16 +339,39 @@ class Plan:
     @cached_property
     def parts(self) -> list[CostPart]:
         """The parts of the work that may take much memory or time, each with its place in the scene file."""
-        scene = self.scene
+        scene, n_few = self.scene, len(self.few)
         structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
+        arrays = [(medium, one.load) for case in self.few for one in case.serving_media for medium in one.arrays]
+
+        def add_up(found: list[Cost], size: Callable[[Cost], Any]) -> Cost:
+            """Return the cost of all simulations, one after the other; if ends of axes alone are known, of the largest."""
+            if n_few < self.n_cases and found:
+                return max(found, key=size).times(len(found) * self.n_cases / n_few)
+            return sum(found, Cost())
+
+        exponents = "velocities" in scene.observe
+        simulated = [costs.estimate(medium, load, exponents=exponents) for medium, load in arrays]
+        # cluster media are solved once for each distribution, lattice and Mindlin ratio
+        laws = {law for one in self.few if (law := one.case.medium.of(one.case.packing).long_law) is not None}
+        count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / n_few)
+        clusters = costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
         out: list[CostPart] = [
-            (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._estimate_simulations()),
-            (("medium",), "Take the effective medium", self._estimate_clusters()),
+            (
+                ("medium",),
+                "Take fewer balls (medium.simulation.shape), samples or loads",
+                add_up(simulated, lambda one: one.work),
+            ),
+            (("medium",), "Take the effective medium", clusters),
         ]
+        total = Cost()
+        if (wanted := scene.waves) is not None:
+            each = [cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)]
+            total = add_up(each, lambda cost: cost.known)
+        smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
+        waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
+
         branches = structure.n_balls * scene.packing.ball_motions.count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
-        smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
-        waves = (("medium",), smaller, self._estimate_waves())
         if not self.is_single:
             path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)
             mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
@@ -379,62 +386,30 @@ class Plan:
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
         return out
 
-    def _sum_arrays(self, estimate: Callable[[DirectSimulation, Load], Iterable[Cost]], size: Callable[[Cost], Any]) -> Cost:
-        """Return the cost of all simulations, one after the other, with some estimates of each.
 
-        If only the cases at the ends of the axes are looked at, each estimate counts as the one of the largest ``size``.
-        """
-        arrays = [(medium, one.load) for case in self.few for one in case.serving_media for medium in one.arrays]
-        found = [cost for medium, load in arrays for cost in estimate(medium, load)]
-        if len(self.few) < self.n_cases and found:
-            return max(found, key=size).times(len(found) * self.n_cases / len(self.few))
-        return sum(found, Cost())
-
-    def _estimate_waves(self) -> Cost:
-        """Memory and time of the density of states, the spectral functions and the pulses of all simulated arrays."""
-        if (wanted := self.scene.waves) is None:
-            return Cost()
-        total = self._sum_arrays(partial(self._estimate_waves_of, wanted=wanted), lambda cost: cost.known)
-        return replace(total, parts=total.parts[:1])
-
-    def _estimate_waves_of(self, medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
-        """Estimate the cost of the waves of a simulation at each load."""
-        packing, structure = medium.packing, medium.packing.structure
-        samples = medium.samples
-        contacts = len(structure.contacts) / structure.n_balls
-        rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
-        waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
-        for force in costs.find_typical_force(packing, load).tolist():
-            ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
-            top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
-            half = 0.5 * MOMENTS  # each product gives two moments
-            products, heard, readings = 20.0 * half * samples * wanted.dos, 0.0, 0.0
-            if (spectrum := wanted.spectrum) is not None:
-                if (fine := spectrum.resolution) is not None:
-                    half = max(half, 0.25 * math.pi * top / fine)
-                products += 2.0 * half * samples * waves * len(spectrum.polarisation)
-            if (pulse := wanted.pulse) is not None:
-                length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter
-                lasting = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity
-                steps = math.pi * top * lasting  # a product for each half period of the top frequency
-                products += steps * medium.samples
-                heard = steps * medium.balls / min(medium.cells)
-                readings = READINGS * pulse.frequency * lasting * heard * medium.samples
-            yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
-
-    def _estimate_clusters(self) -> Cost:
-        """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
-        found = (one.case.medium.of(one.case.packing).long_law for one in self.few)
-        laws = {law for law in found if law is not None}
-        count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / len(self.few))
-        return costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
-
-    def _estimate_simulations(self) -> Cost:
-        """Memory and time of all simulations."""
-        exponents = "velocities" in self.scene.observe
-        return self._sum_arrays(
-            lambda medium, load: [costs.estimate(medium, load, exponents=exponents)], lambda cost: cost.work
-        )
+def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
+    """Estimate memory and time of the density of states, spectral functions and pulses of a simulation at each load."""
+    packing, structure = medium.packing, medium.packing.structure
+    contacts = len(structure.contacts) / structure.n_balls
+    rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
+    waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
+    for force in costs.find_typical_force(packing, load).tolist():
+        ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
+        top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
+        half = 0.5 * MOMENTS  # each product gives two moments
+        products, heard, readings = 20.0 * half * medium.samples * wanted.dos, 0.0, 0.0
+        if (spectrum := wanted.spectrum) is not None:
+            if (fine := spectrum.resolution) is not None:
+                half = max(half, 0.25 * math.pi * top / fine)
+            products += 2.0 * half * medium.samples * waves * len(spectrum.polarisation)
+        if (pulse := wanted.pulse) is not None:
+            length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter
+            lasting = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity
+            steps = math.pi * top * lasting  # a product for each half period of the top frequency
+            products += steps * medium.samples
+            heard = steps * medium.balls / min(medium.cells)
+            readings = READINGS * pulse.frequency * lasting * heard * medium.samples
+        yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
 
 
 def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:

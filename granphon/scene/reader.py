@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
@@ -78,28 +77,27 @@ class SceneSource:
                 raise
             place = path or getattr(error, "path", ())
             if (option := getattr(error, "option", None)) is not None:
-                place, given = self._place_option(option)
+                # the medium that has this option; if none of them has it, or several have, the media
+                media = self.document.data.get("medium")
+                each = [((at,), one) for at, one in enumerate(media)] if isinstance(media, list) else [((), media)]
+                found = [
+                    (("medium", *here, name, option), options[option])
+                    for here, one in each
+                    for name, options in (one.items() if isinstance(one, Mapping) else ())
+                    if isinstance(options, Mapping) and option in options
+                ]
+                place, given = ("medium",), f"{'several times' if found else 'no'} {option}"
+                if len(found) == 1:
+                    ((place, value),) = found
+                    given = show(value)
+                    if isinstance(value, Mapping):
+                        given = f"{{{', '.join(f'{key}: {one}' for key, one in value.items())}}}"
                 before = f"found {given}; allowed: {_ALLOWED[option]}; "
             placed: GranphonError = self.document.error(place, f"{before}{error}")
             if isinstance(error, ConvergenceError):  # the scene is not wrong, the computation has failed
                 placed = ConvergenceError(str(placed))
             placed.reached = getattr(error, "reached", None)
             raise placed from None
-
-    def _place_option(self, option: str) -> tuple[tuple[str | int, ...], str]:
-        """Path and text of an option of a medium; the path of the media if none of them has it, or several have."""
-        data = self.document.data.get("medium") if self.document is not None else None
-        media = enumerate(data) if isinstance(data, list) else [((), data)]
-        found: list[tuple[tuple[str | int, ...], str]] = []
-        for at, one in media:
-            for name, options in one.items() if isinstance(one, Mapping) else ():
-                if isinstance(options, Mapping) and option in options:
-                    here = (at,) if isinstance(at, int) else ()
-                    given = options[option]
-                    block = isinstance(given, Mapping)
-                    said = ", ".join(f"{key}: {value}" for key, value in given.items()) if block else show(given)
-                    found.append((("medium", *here, name, option), f"{{{said}}}" if block else said))
-        return found[0] if len(found) == 1 else (("medium",), f"{'several times' if found else 'no'} {option}")
 
     @contextmanager
     def where_it_buckles(self) -> Iterator[None]:
@@ -149,48 +147,42 @@ class SceneSource:
         """Read the arguments of a scene that the document gives; SceneError names the first mistake."""
         if self.document is None:
             raise ValueError("there is no document")
+        data: Any = self.document.data
         given = read_blocks(self.document, self.folder)
+        drawing, load, own = given.get("phonopy", {}), given["load"], given["packing"]
+        # the scales of the ball are made of all three: the one that is farthest from the ordinary is probably wrong
+        made = {**given["material"], "diameter": own["diameter"]}
+        key = max(_ORDINARY, key=lambda name: abs(math.log(made[name]) - math.log(_ORDINARY[name])))
+        name_of_block = "packing" if key == "diameter" else "material"
+        size = f"found {show(data[name_of_block][key])}; allowed: a ball that double precision can hold; "
+        with self.at(name_of_block, key, before=size):
+            names = [name for name in ("diameter", "lattice", "friction") if name in own]
+            packing = Packing(Material(**given["material"]), **{name: own[name] for name in names})
+        # what motions there may be, and what resists them, depends on the dimension of the lattices of a sweep
         lattices = dict(given.get("sweep", ())).get("lattice", ())
-        packing, drawing = self._packing(given["material"], given["packing"], lattices), given.get("phonopy", {})
-        out: dict[str, Any] = {"packing": packing, "load": self._load(given["load"]), "source": self.path}
+        if choose_lattice(packing.structure, lattices) != packing.structure:
+            packing = replace(packing, lattice=lattices[0])
+        for name in [name for name in ("motions", "torsion", "bending") if name in own]:
+            allowed = (
+                "motions of this lattice" if name == "motions" else "up to 1e6, and 0 where no motion is resisted by it"
+            )
+            with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}; "):
+                packing = replace(packing, **{name: own[name]})
+        if "spread" in own:
+            ((kind, value),) = data["packing"]["spread"].items()
+            found = f"found {show(value)}; allowed: diameters about the packing's, all above zero; "
+            with self.at("packing", "spread", kind, before=found):
+                packing = replace(packing, spread=own["spread"])
+        kind = next(key for key in load if key != "balls_per_side")
+        with self.at("load", kind):
+            out: dict[str, Any] = {"packing": packing, "load": Load(kind, load[kind], load.get("balls_per_side"))}
         if "band" in drawing or "band_labels" in drawing:
             with self.at("phonopy", "band_labels"):
                 path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
                 out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
         named = {"medium": "media", "sweep": "parameters", "observe": "observe", "direction": "direction"}
         out |= {argument: given[key] for key, argument in named.items() if key in given}
-        out |= {key: kind(**given[key]) for key, kind in _WAVES.items() if key in given}
+        out |= {key: made_of(**given[key]) for key, made_of in _WAVES.items() if key in given}
         out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
-        return out | {key: given["packing"][key] for key in ("finite_overlap",) if key in given["packing"]}
-
-    def _load(self, given: dict[str, Any]) -> Load:
-        balls = given.get("balls_per_side")
-        kind = next(key for key in given if key != "balls_per_side")
-        with self.at("load", kind):
-            return Load(kind, given[kind], balls)
-
-    def _packing(self, material: dict[str, Any], given: dict[str, Any], lattices: Sequence[str | Lattice]) -> Packing:
-        data: Any = self.document.data if self.document else {}
-        # the scales of the ball are made of all three: the one that is farthest from the ordinary is probably wrong
-        made = {**material, "diameter": given["diameter"]}
-        key = max(_ORDINARY, key=lambda name: abs(math.log(made[name]) - math.log(_ORDINARY[name])))
-        block = "packing" if key == "diameter" else "material"
-        size = f"found {show(data[block][key])}; allowed: a ball that double precision can hold; "
-        with self.at(block, key, before=size):
-            names = [name for name in ("diameter", "lattice", "friction") if name in given]
-            packing = Packing(Material(**material), **{name: given[name] for name in names})
-        # what motions there may be, and what resists them, depends on the dimension of the lattices of a sweep
-        if choose_lattice(packing.structure, lattices) != packing.structure:
-            packing = replace(packing, lattice=lattices[0])
-        for name in [name for name in ("motions", "torsion", "bending") if name in given]:
-            allowed = (
-                "motions of this lattice" if name == "motions" else "up to 1e6, and 0 where no motion is resisted by it"
-            )
-            with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}; "):
-                packing = replace(packing, **{name: given[name]})
-        if "spread" not in given:
-            return packing
-        ((kind, value),) = data["packing"]["spread"].items()
-        found = f"found {show(value)}; allowed: diameters about the packing's, all above zero; "
-        with self.at("packing", "spread", kind, before=found):
-            return replace(packing, spread=given["spread"])
+        out |= {"finite_overlap": own["finite_overlap"]} if "finite_overlap" in own else {}
+        return out | {"source": self.path}

@@ -31,8 +31,6 @@ _FORMATS = (".pdf", ".png", ".svg")
 _FIGURE = "comparison.png"
 #: the files of results that are drawn over the load, as bands, and as densities of states
 DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
-#: what a state of one load leaves
-_SUMMARY, _SCENE = "summary.yaml", "scene.yaml"
 #: the names of files that mean one figure of waves in the arrays of a sweep
 _OF_SWEEPS = {Path(name).stem for name in SWEEP_FIGURES}
 
@@ -96,13 +94,14 @@ def redraw(
 
     def draw() -> Any:
         if wave is not None:
-            from granphon.scene.sample_waves import read_waves
+            from granphon.runs.wave_records import read_waves
 
             return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
         if fitted and not swept:
             from granphon.figures.fits import fit_figure
+            from granphon.fits.fit import WidthFit
 
-            return fit_figure(_read_fit(have["fit.yaml"]))
+            return fit_figure(WidthFit.from_dict(read_yaml(have["fit.yaml"])))
         found = _read_files(str(source), have)
         if found.dataset is not None:
             return draw_sweep(found.dataset, target.name, variable)
@@ -146,9 +145,13 @@ def draw_together(
     def draw() -> Any:
         from granphon.figures.comparison import comparison_figure
 
-        runs = [read_run(name) for name in names]
-        balls = _find_balls_per_side(names) if data else None
-        return comparison_figure(runs, x=x, y=y, data=data, balls_per_side=balls)
+        runs, balls = [read_run(name) for name in names], set[Any]()
+        if data:  # their loads may be side forces on the hexagonal frame that the scenes of the runs tell
+            from granphon.scene.scene import Scene
+
+            scenes = [(path if path.is_dir() else path.parent) / "scene.yaml" for path in map(Path, names)]
+            balls = {Scene.from_yaml(scene).load.balls_per_side for scene in scenes if scene.is_file()} - {None}
+        return comparison_figure(runs, x=x, y=y, data=data, balls_per_side=balls.pop() if len(balls) == 1 else None)
 
     given = [Path(name) for name in (*names, *map(str, data))]
     folders, files = [path for path in map(Path, names) if path.is_dir()], [one for one in given if one.is_file()]
@@ -188,7 +191,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     :class:`~granphon.base.errors.InputError` if it holds no results, or damaged ones.
     """
     path, name = Path(source), str(source)
-    if path.name == _SUMMARY and path.is_file():
+    if path.name == "summary.yaml" and path.is_file():
         read_summary(path.parent)
         path = path.with_name("sweep.nc")  # whose numbers it tells
     have = {_name_kind(path): path} if path.is_file() else _find_results(path)
@@ -203,7 +206,9 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
     from granphon.figures.runs import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
-        return Run.of(name, _read_fit(have["fit.yaml"]))
+        from granphon.fits.fit import WidthFit
+
+        return Run.of(name, WidthFit.from_dict(read_yaml(have["fit.yaml"])))
     dataset = bands = dos = None
     if "sweep.nc" in have:
         from granphon.runs.archive import load_sweep
@@ -220,12 +225,6 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
     return Run(name, dataset=dataset, bands=bands, dos=dos)
 
 
-def _read_fit(path: Path) -> Any:
-    from granphon.fits.fit import WidthFit
-
-    return WidthFit.from_dict(read_yaml(path))
-
-
 def _find_results(source: Path) -> dict[str, Path]:
     """Return the files of the run in a folder that are drawn, by name.
 
@@ -236,50 +235,31 @@ def _find_results(source: Path) -> dict[str, Path]:
         raise MissingFileError(message(what, mend="Give the folder of a run"))
     # whatever has the name is read, and a folder or a link to nothing is then an error
     have = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
-    if lost := [name for name in DRAWN if name not in have and name in _list_results(source)]:
+    written = set(read_written_files(source))
+    with suppress(InputError, AttributeError, TypeError):  # without a summary that can be read, the hidden list alone counts
+        written |= set(read_yaml(source / "summary.yaml").get("files", ()))
+    if lost := [name for name in DRAWN if name not in have and name in written]:
         what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
         mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
         raise MissingFileError(message(what, "The figure would leave it out", mend))
     return have
 
 
-def _list_results(folder: Path) -> set[str]:
-    """Return the names of the files of the run in ``folder``, as granphon's hidden list or summary.yaml tells them."""
-    names = set(read_written_files(folder))
-    with suppress(InputError, AttributeError, TypeError):  # without a summary that can be read, the list alone counts
-        names |= set(read_yaml(folder / _SUMMARY).get("files", ()))
-    return names
-
-
 def _name_kind(path: Path) -> str:
     """Return the name under which a file of results is known, by its ending where it was renamed."""
     if path.name in DRAWN:
         return path.name
-    known = {".nc": "sweep.nc"}
-    if path.suffix == ".csv" and read_bytes(path).startswith(b"frequency_Hz"):
-        known[".csv"] = "dos.csv"  # other tables are for spreadsheets
-    if path.suffix == ".yaml":
-        raw = read_bytes(path)
-        known |= (
-            {".yaml": "fit.yaml"} if b"class: WidthFit" in raw else {".yaml": "band.yaml"} if b"\nphonon:" in raw else {}
-        )
-    if path.suffix not in known:
-        mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
-        raise InputError(message(f"{path} is no folder, and no file of results that is drawn", mend=mend))
-    return known[path.suffix]
-
-
-def _find_balls_per_side(sources: Sequence[str | os.PathLike[str]]) -> int | None:
-    """Return the number of balls on a side of the hexagonal frame that the scenes of runs tell; None if it is not one."""
-    from granphon.scene.scene import Scene
-
-    found = set[Any]()
-    for source in map(Path, sources):
-        place = (source if source.is_dir() else source.parent) / _SCENE
-        if place.is_file():
-            found.add(Scene.from_yaml(place).load.balls_per_side)
-    found.discard(None)
-    return int(found.pop()) if len(found) == 1 else None
+    head = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
+    if path.suffix == ".nc":
+        return "sweep.nc"
+    if path.suffix == ".csv" and head.startswith(b"frequency_Hz"):  # other tables are for spreadsheets
+        return "dos.csv"
+    if path.suffix == ".yaml" and b"class: WidthFit" in head:
+        return "fit.yaml"
+    if path.suffix == ".yaml" and b"\nphonon:" in head:
+        return "band.yaml"
+    mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
+    raise InputError(message(f"{path} is no folder, and no file of results that is drawn", mend=mend))
 
 
 def _find_lattice(source: Path) -> ContactLattice:

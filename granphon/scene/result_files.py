@@ -1,4 +1,4 @@
-"""The files that a run writes: their names, which scenes have them, and what writes or draws them.
+"""The files that a run writes: their names, which scenes have them, and what writes and draws them.
 
 =====================  =====================================================================================
 file                   holds
@@ -28,9 +28,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -44,88 +43,10 @@ from granphon.scene.rules import DIAMETERS_FILE
 SUMMARY_SCHEMA = 1
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been written
 WORK_FILE = ".granphon-sweep"
-#: the loads of a sweep that were reached, where a path of loads has ended early
-_INCOMPLETE_FILES = ("sweep_incomplete.nc", "sweep_incomplete.csv")
-#: figures of the waves in simulated arrays of a sweep
-SWEEP_FIGURES = ("sweep_dos.png", "sweep_spectra.png")
+#: figures of the waves in simulated arrays of a sweep, and what they are of
+SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
 #: what a scene observes of the waves in the samples of one state, by the names of their files
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
-
-
-class Output(NamedTuple):
-    """Files of a run that are written together: their names, which plans have them, and what writes them into a folder.
-
-    A figure is one file that is drawn: ``write`` then takes no folder, and returns the figure.
-    """
-
-    names: tuple[str, ...]
-    is_asked: Callable[[Plan], bool]
-    write: Callable[..., Any]
-
-
-# -- numbers --------------------------------------------------------------------------------------------------------
-
-
-def _observes(name: str, one: bool) -> Callable[[Plan], bool]:
-    """Return what tells whether a plan of ``one`` state, or of several, observes something."""
-    return lambda plan: plan.is_single == one and name in plan.scene.observe
-
-
-def _samples(plan: Plan) -> bool:
-    """Whether a plan has a single state that is simulated."""
-    return plan.is_single and bool(plan.serving.arrays)
-
-
-def _observes_in_samples(name: str, plan: Plan) -> bool:
-    return _samples(plan) and name in plan.scene.observe
-
-
-def _write_sweep(result: Any, place: Path) -> None:
-    from granphon.runs.archive import write_sweep
-
-    write_sweep(result.dataset, place / "sweep.nc")
-
-
-def _write_sweep_waves(name: str) -> Callable[[Any, Path], None]:
-    def write(result: Any, place: Path) -> None:
-        from granphon.runs.archive import write_waves
-
-        write_waves(result.dataset, place / name)
-
-    return write
-
-
-def _write_bands(result: Any, place: Path) -> None:
-    result.bands.write(place / "band.yaml")
-    result.phonons.save(place / "phonopy_params.yaml")
-
-
-def _write_sample(result: Any, place: Path) -> None:
-    from granphon.array.atoms import write_extxyz
-
-    write_extxyz(place / "sample.extxyz", result.state.samples[0].atoms())
-
-
-def _write_contacts(result: Any, place: Path) -> None:
-    result.state.samples[0].network.write_tables(place / "sample_balls.csv", place / "sample_contacts.csv")
-
-
-def _write_sample_waves(stem: str) -> Callable[[Any, Path], None]:
-    """Return what writes a result of the waves in samples, whole as JSON, and as a table."""
-
-    def write(result: Any, place: Path) -> None:
-        found = result.waves.results[stem]
-        (place / f"{stem}.json").write_text(json.dumps(found.to_dict()) + "\n", encoding="utf-8")
-        if stem == "spectrum":
-            found.write_csv(place / "spectrum.csv")
-            return
-        columns = [(Heading(name, unit), getattr(found, source)) for name, unit, source in _COLUMNS[stem]]
-        rows = np.transpose([values for _, values in columns]).tolist()
-        (place / f"{stem}.csv").write_text(table_text([heading for heading, _ in columns], rows), encoding="utf-8")
-
-    return write
-
-
 #: columns of a table: heading, unit, and the field of the result
 _COLUMNS = {
     "sample_dos": [
@@ -137,27 +58,84 @@ _COLUMNS = {
         ("speckle", "m/s", "speckle_amplitude"),
     ],
 }  # fmt: skip
-_NUMBERS = (
-    Output(("sweep.nc", "sweep.csv"), lambda plan: True, _write_sweep),
-    Output(("sweep_dos.csv",), _observes("dos", one=False), _write_sweep_waves("sweep_dos.csv")),
-    Output(("sweep_spectra.csv",), _observes("spectrum", one=False), _write_sweep_waves("sweep_spectra.csv")),
-    Output(("band.yaml", "phonopy_params.yaml"), _observes("bands", one=True), _write_bands),
-    Output(("dos.csv",), _observes("dos", one=True), lambda result, place: result.dos.write_csv(place / "dos.csv")),
-    Output(("sample.extxyz",), _samples, _write_sample),
-    Output(
-        ("sample_balls.csv", "sample_contacts.csv"),
-        lambda plan: _samples(plan) and plan.serving.arrays[0].friction_history,
-        _write_contacts,
-    ),
-    *(
-        Output(
-            (f"{stem}.json", f"{stem}.csv"),
-            partial(_observes_in_samples, name),
-            _write_sample_waves(stem),
-        )
-        for stem, name in SAMPLE_WAVES.items()
-    ),
-)
+#: names of all files that a run may write
+RESULT_FILES = (
+    "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
+    "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
+    *(f"{stem}.{ending}" for stem in SAMPLE_WAVES for ending in ("json", "csv")),
+    "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in SAMPLE_WAVES),
+    "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
+)  # fmt: skip
+
+
+def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the files of numbers, and names of the figures, that a run writes."""
+    seen, drawn = plan.scene.observe, list[str]()
+    names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (plan.scene.diameters is not None), "sweep.nc", "sweep.csv"]
+    if not plan.is_single:
+        names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
+        drawn += ["sweep.png"] * (not tell_undrawn(plan)) + [name for name, of in SWEEP_FIGURES.items() if of in seen]
+        return tuple(names), tuple(drawn)
+    if "bands" in seen:
+        names += ["band.yaml", "phonopy_params.yaml"]
+    names += ["dos.csv"] * ("dos" in seen)
+    drawn += ["bands.png"] if "bands" in seen else ["dos.png"] * ("dos" in seen)
+    for medium in plan.serving.arrays:  # one at most
+        waves = [stem for stem, of in SAMPLE_WAVES.items() if of in seen]
+        names += ["sample.extxyz", *("sample_balls.csv", "sample_contacts.csv") * bool(medium.friction_history)]
+        names += [f"{stem}.{ending}" for stem in waves for ending in ("json", "csv")]
+        drawn += ["forces.png", *(f"{stem}.png" for stem in waves)]
+    return tuple(names), tuple(drawn)
+
+
+def expected_files(plan: Plan, figures: bool = True) -> tuple[str, ...]:
+    """Names of the files that a run writes."""
+    numbers, drawn = list_files(plan)
+    return numbers + (drawn if figures else ())
+
+
+def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> None:
+    """Write the files of numbers of a result into the folder ``place``; ``advance`` is told of each.
+
+    Those of the scene and the summary are not among them, nor those that are ``left_out``.
+    """
+    for name in list_files(result.plan)[0]:
+        path, stem = place / name, name.partition(".")[0]
+        match name:
+            case "scene.yaml" | "summary.yaml" | "diameters.csv":
+                continue
+            case _ if name in result.left_out:
+                continue
+            case "sweep.nc":  # and sweep.csv beside it
+                from granphon.runs.archive import write_sweep
+
+                write_sweep(result.dataset, path)
+            case "sweep_dos.csv" | "sweep_spectra.csv":
+                from granphon.runs.archive import write_waves
+
+                write_waves(result.dataset, path)
+            case "band.yaml":
+                result.bands.write(path)
+            case "phonopy_params.yaml":
+                result.phonons.save(path)
+            case "dos.csv":
+                result.dos.write_csv(path)
+            case "sample.extxyz":
+                from granphon.array.atoms import write_extxyz
+
+                write_extxyz(path, result.state.samples[0].atoms())
+            case "sample_balls.csv":  # and sample_contacts.csv
+                result.state.samples[0].network.write_tables(path, place / "sample_contacts.csv")
+            case "spectrum.csv":
+                result.waves.spectra.write_csv(path)
+            case "sample_dos.csv" | "pulse.csv":
+                found = result.waves.results[stem]
+                columns = [(Heading(name, unit), getattr(found, source)) for name, unit, source in _COLUMNS[stem]]
+                rows = np.transpose([values for _, values in columns]).tolist()
+                path.write_text(table_text([heading for heading, _ in columns], rows), encoding="utf-8")
+            case "sample_dos.json" | "spectrum.json" | "pulse.json":
+                path.write_text(json.dumps(result.waves.results[stem].to_dict()) + "\n", encoding="utf-8")
+        advance(1)
 
 
 # -- figures --------------------------------------------------------------------------------------------------------
@@ -200,84 +178,6 @@ def draw_sample_waves(stem: str, result: Any) -> Any:
     from granphon.figures.spectra import sample_dos_figure, spectrum_figure
 
     return spectrum_figure(result) if stem == "spectrum" else sample_dos_figure(result)
-
-
-def _draw_sample(stem: str, result: Any) -> Any:
-    return draw_sample_waves(stem, result.waves.results[stem])
-
-
-def _draw_of_sweep(name: str, result: Any) -> Any:
-    return draw_sweep(result.dataset, name)
-
-
-def _draw_forces(result: Any) -> Any:
-    from granphon.figures.forces import forces_figure
-
-    return forces_figure(result.state)
-
-
-_FIGURES = (
-    Output(
-        ("sweep.png",),
-        lambda plan: not plan.is_single and not tell_undrawn(plan),
-        partial(_draw_of_sweep, "sweep.png"),
-    ),
-    *(
-        Output((name,), _observes(observed, one=False), partial(_draw_of_sweep, name))
-        for name, observed in zip(SWEEP_FIGURES, ("dos", "spectrum"), strict=True)
-    ),
-    Output(("bands.png",), _observes("bands", one=True), lambda result: draw_spectra(result.bands, result.dos)),
-    Output(
-        ("dos.png",),
-        lambda plan: _observes("dos", one=True)(plan) and "bands" not in plan.scene.observe,
-        lambda result: draw_spectra(None, result.dos),
-    ),
-    Output(("forces.png",), _samples, _draw_forces),
-    *(
-        Output(
-            (f"{stem}.png",),
-            partial(_observes_in_samples, name),
-            partial(_draw_sample, stem),
-        )
-        for stem, name in SAMPLE_WAVES.items()
-    ),
-)
-
-
-# -- what a run writes ----------------------------------------------------------------------------------------------
-
-#: names of all files that a run may write
-RESULT_FILES = (
-    "scene.yaml", "summary.yaml", *(name for one in (*_NUMBERS, *_FIGURES) for name in one.names), *_INCOMPLETE_FILES,
-    DIAMETERS_FILE,
-)  # fmt: skip
-
-
-def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the files of numbers, and names of the figures, that a run writes."""
-    names = ["scene.yaml", "summary.yaml"] + ([] if plan.scene.diameters is None else [DIAMETERS_FILE])
-    names += [name for one in _NUMBERS if one.is_asked(plan) for name in one.names]
-    return tuple(names), tuple(name for one in _FIGURES if one.is_asked(plan) for name in one.names)
-
-
-def expected_files(plan: Plan, figures: bool = True) -> tuple[str, ...]:
-    """Names of the files that a run writes."""
-    numbers, drawn = list_files(plan)
-    return numbers + (drawn if figures else ())
-
-
-def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> None:
-    """Write the files of numbers of a result into the folder ``place``; ``advance`` is told how many there are by now."""
-    for one in _NUMBERS:
-        if one.is_asked(result.plan) and not set(one.names) & set(result.left_out):
-            one.write(result, place)
-            advance(len(one.names))
-
-
-def draw_figure(result: Any, name: str) -> Any:
-    """Draw the figure of the file ``name``."""
-    (one,) = (one for one in _FIGURES if name in one.names)
-    return one.write(result)
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

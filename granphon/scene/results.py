@@ -22,7 +22,7 @@ from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entr
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.scene.plan import Plan
-from granphon.scene.result_files import draw_figure
+from granphon.scene.result_files import SAMPLE_WAVES, draw_sample_waves, draw_spectra, draw_sweep
 from granphon.scene.specification import Specification
 from granphon.waves.settings import POLARISATIONS
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from granphon.phonons.dos import DensityOfStates
     from granphon.phonons.phonons import Phonons
     from granphon.runs.dataset import Dataset
-    from granphon.scene.sample_waves import SampleWaves
+    from granphon.runs.wave_records import SampleWaves
 
 
 #: variables of which the summary of several states lists the least and the greatest value
@@ -138,9 +138,8 @@ class RunResult:
         Of several states these are the sizes of the dimensions, the number of states, the media, and the least and the
         greatest force, overlap and velocities; with the direction of sound, if it was given or velocities depend on it.
         """
-        return self._summarise_state() if self.plan.is_single else self._summarise_states()
-
-    def _summarise_state(self) -> dict[str, Any]:
+        if not self.plan.is_single:
+            return self._summarise_states()
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
         if (serving := self.plan.serving).chosen_automatically:
             out |= {"choice": serving.medium.label, "expected_error": float(serving.errors[0]), "truth": str(serving.truth)}
@@ -172,11 +171,11 @@ class RunResult:
         return out | {"valid": bool(data["valid"].all())}
 
     def _repr_html_(self) -> str:
-        rows = []
-        for name, value in self.summary().items():
-            entry = self.entry(name)
-            rows.append((name, value, entry.unit if entry else ""))
-        return write_html(type(self).__name__, rows)
+        numbers = self.summary()
+        entries = {name: self.entry(name) for name in numbers}
+        return write_html(
+            type(self).__name__, ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
+        )
 
     # -- files ----------------------------------------------------------------------------------------------------------
 
@@ -195,4 +194,11 @@ class RunResult:
 
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
-        return draw_figure(self, name)
+        stem = name.removesuffix(".png")
+        if stem == "forces":
+            from granphon.figures.forces import forces_figure
+
+            return forces_figure(self.state)
+        if self.waves is not None and stem in SAMPLE_WAVES:
+            return draw_sample_waves(stem, self.waves.results[stem])
+        return draw_spectra(self.bands, self.dos) if stem in ("bands", "dos") else draw_sweep(self.dataset, name)

@@ -25,7 +25,6 @@ from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import PARAMETERS, Axis, find_double
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Quantity, load_quantities
-from granphon.base.tables import Heading, table_text
 from granphon.base.text import closest, show
 from granphon.base.validation import (
     Rule,
@@ -154,64 +153,52 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
 # -- spreads --------------------------------------------------------------------------------------------------------
 
 
-def _read_normal(value: Any) -> Normal:
-    """Read a standard deviation, or a block {std, cutoff}."""
-    if not isinstance(value, dict):
-        return Normal(WIDTH.read(value))
-    cutoff = partial(number, low=1e-3, high=10.0)
-    return Normal(**block(value, {"std": WIDTH.read, "cutoff": cutoff}, ("std",)))
-
-
-def _read_discrete(value: Any) -> Discrete:
-    """Read a block {diameters, fractions} of two lists of the same length."""
-    fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
-    given = block(value, {"diameters": _read_diameters, "fractions": fractions}, ("diameters", "fractions"))
-    with _refusing(given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"):
-        return Discrete(**given)
-
-
-def _read_measured(value: Any, at: Context) -> Measured:
-    """Read the name of a table, a block {file, column}, or a block {diameters}."""
-    if isinstance(value, dict) and "diameters" in value:
-        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
-    given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
-    with _refusing(given["file"], "a table with a column of diameters"):
-        return Measured.from_csv(at.folder / given["file"], given.get("column"), quoted=False)
-
-
-_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
-
-
-#: the distributions of diameters by their names, each with its class and its kind
-_SPREADS: dict[str, tuple[type, Kind]] = {
-    "uniform": (Uniform, Kind.plain(lambda value: Uniform(WIDTH.read(value)), lambda given: WIDTH.write(given.width))),
-    "normal": (Normal, Kind.plain(_read_normal, lambda given: {"std": WIDTH.write(given.std), "cutoff": given.cutoff})),
-    "discrete": (
-        Discrete, Kind.plain(_read_discrete, lambda given: _write_diameters(given) | {"fractions": given.fractions}),
-    ),
-    "measured": (Measured, Kind(_read_measured, lambda given, _: _write_diameters(given))),
-}  # fmt: skip
-
-
-def _write_diameters(given: Discrete | Measured) -> dict[str, Any]:
-    return {"diameters": [LENGTH.write(diameter) for diameter in given.diameters]}
-
-
 def _read_spread(value: Any, at: Context) -> Any:
     """Read the distribution of diameters, one of uniform, normal, discrete, measured."""
-    allowed = f"exactly one of {', '.join(_SPREADS)}"
+    diameters = partial(each, rule=LENGTH.read, what="diameters")
+    fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
+
+    def normal(value: Any) -> Normal:
+        """Read a standard deviation, or a block {std, cutoff}."""
+        rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
+        return Normal(**block(value, rules, ("std",))) if isinstance(value, dict) else Normal(WIDTH.read(value))
+
+    def discrete(value: Any) -> Discrete:
+        """Read a block {diameters, fractions} of two lists of the same length."""
+        given = block(value, {"diameters": diameters, "fractions": fractions}, ("diameters", "fractions"))
+        with _refusing(given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"):
+            return Discrete(**given)
+
+    def measured(value: Any) -> Measured:
+        """Read the name of a table, a block {file, column}, or a block {diameters}."""
+        if isinstance(value, dict) and "diameters" in value:
+            return Measured(block(value, {"diameters": diameters})["diameters"])
+        given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
+        with _refusing(given["file"], "a table with a column of diameters"):
+            return Measured.from_csv(at.folder / given["file"], given.get("column"), quoted=False)
+
+    rules: dict[str, Rule] = {
+        "uniform": lambda value: Uniform(WIDTH.read(value)), "normal": normal, "discrete": discrete, "measured": measured,
+    }  # fmt: skip
+    allowed = f"exactly one of {', '.join(rules)}"
     if not isinstance(value, dict):
         mend = f"Did you mean {{uniform: {value}}}?" if isinstance(value, str) else "Leave spread out for equal balls."
         raise Refused(show(value), allowed, mend)
     if len(value) != 1:
         raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
-    (found,) = block(value, {name: kind.rule(at) for name, (_, kind) in _SPREADS.items()}).values()
+    (found,) = block(value, rules).values()
     return found
 
 
 def _write_spread(given: Any, at: Context) -> dict[str, Any]:
-    (found,) = ({name: kind.write(given, at)} for name, (made, kind) in _SPREADS.items() if isinstance(given, made))
-    return found
+    if isinstance(given, Uniform):
+        return {"uniform": WIDTH.write(given.width)}
+    if isinstance(given, Normal):
+        return {"normal": {"std": WIDTH.write(given.std), "cutoff": given.cutoff}}
+    diameters = {"diameters": [LENGTH.write(diameter) for diameter in given.diameters]}
+    if isinstance(given, Discrete):
+        return {"discrete": diameters | {"fractions": given.fractions}}
+    return {"measured": diameters}
 
 
 def table_named(value: Any) -> str | None:
@@ -220,16 +207,9 @@ def table_named(value: Any) -> str | None:
     return measured.get("file") if isinstance(measured, dict) else measured
 
 
-def _is_long(given: Any) -> bool:
+def is_long(given: Any) -> bool:
     """Whether a spread has more measured diameters than a scene file lists itself."""
     return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
-
-
-def diameters_table(given: Any) -> str | None:
-    """Text of a table of the measured diameters, m, if they are too many for a scene file; else None."""
-    if not _is_long(given):
-        return None
-    return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
 
 
 # -- what the packing is made of, which a sweep may vary ------------------------------------------------------------
@@ -314,7 +294,7 @@ PARTS: dict[str, Kind] = {
 }  # fmt: skip
 #: the spread of a packing: if its diameters are too many, the scene names a table of them
 OWN_SPREAD = Kind(
-    _read_spread, lambda given, at: {"measured": DIAMETERS_FILE} if _is_long(given) else _write_spread(given, at)
+    _read_spread, lambda given, at: {"measured": DIAMETERS_FILE} if is_long(given) else _write_spread(given, at)
 )
 
 

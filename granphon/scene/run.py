@@ -99,9 +99,9 @@ def run(
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
-            _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
+            (place / "scene.yaml").write_text(f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8")
             if scene.diameters is not None:
-                _write(place / DIAMETERS_FILE, scene.diameters)
+                (place / DIAMETERS_FILE).write_text(scene.diameters, encoding="utf-8")
             write_numbers(result, place, step.advance)
             failures: dict[str, str] = {}
             if drawn:
@@ -111,7 +111,7 @@ def run(
                 step.advance(len(drawn))
             files = tuple(target / name for name in every if name not in failures)
             result = replace(result, files=files, failures=tuple(failures.values()))
-            _write(place / "summary.yaml", _write_summary(result, used))
+            (place / "summary.yaml").write_text(_write_summary(result, used), encoding="utf-8")
     return result
 
 
@@ -144,30 +144,25 @@ def _run_alone(
         analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
         dataset = work.join_alone(analysis, records)
         if records:
-            from granphon.scene.sample_waves import SampleWaves
+            from granphon.runs.wave_records import SampleWaves
 
-            waves = SampleWaves.of(scene, state, records)
-        return _add_spectra(RunResult(plan, target, dataset, analysis, waves=waves), progress)
+            waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
+        result = RunResult(plan, target, dataset, analysis, waves=waves)
+        if not {"bands", "dos"} & set(scene.observe):
+            return result
+        from granphon.phonons.phonons import Phonons
 
-
-def _add_spectra(result: RunResult, progress: Progress) -> RunResult:
-    """Add bands and densities of states of a single state, if they are observed."""
-    scene = result.scene
-    if not {"bands", "dos"} & set(scene.observe):
-        return result
-    from granphon.phonons.phonons import Phonons
-
-    bands = dos = None
-    with progress.step("force constants"):
-        phonons = Phonons(result.state, dim=scene.dim)
-        _ = phonons.phonopy
-    if "bands" in scene.observe:
-        with progress.step("bands"):
-            bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
-    if "dos" in scene.observe:
-        with progress.step("density of states"):
-            dos = phonons.dos(mesh=scene.grid)
-    return replace(result, phonons=phonons, bands=bands, dos=dos)
+        bands = dos = None
+        with progress.step("force constants"):
+            phonons = Phonons(state, dim=scene.dim)
+            _ = phonons.phonopy
+        if "bands" in scene.observe:
+            with progress.step("bands"):
+                bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
+        if "dos" in scene.observe:
+            with progress.step("density of states"):
+                dos = phonons.dos(mesh=scene.grid)
+        return replace(result, phonons=phonons, bands=bands, dos=dos)
 
 
 def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
@@ -193,7 +188,3 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
             "units": {name: one.unit for name in numbers if (one := result.entry(name)) is not None and one.unit},
         }
     )
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -13,10 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
+from granphon.balls.packing import describe_packing
+from granphon.balls.parameters import PARAMETERS, Axis
+from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
+from granphon.base.quantities import load_quantities
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
-from granphon.scene.notebook import write_scene
 from granphon.scene.plan import Plan
 from granphon.scene.reader import SceneSource
 from granphon.scene.specification import Specification
@@ -59,7 +62,7 @@ class Scene(Specification):
     @cached_property
     def plan(self) -> Plan:
         """Plan of the scene: its cases, the media that serve them, their states and cost, each computed once."""
-        return Plan.of(self, self._origin)
+        return Plan(self, self._origin, tuple(Axis(*axis) for axis in self.parameters), self.load)
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
@@ -127,7 +130,26 @@ class Scene(Specification):
         return self.plan.sweep(progress, executor, **options)
 
     def _repr_html_(self) -> str:
-        return write_scene(self)
+        """Return a table of what the scene says, in SI units; no state is computed."""
+        from granphon.figures.words import describe_medium
+
+        load, periods = self.load, self.packing.structure.periods
+        rows: list[tuple[str, Any, str]] = [
+            *describe_packing(self.packing),
+            (load.kind.replace("_", " "), load.array, load_quantities(periods)[load.kind].unit),
+            *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
+            *(("medium", describe_medium(one.label, periods, self.packing.structure.n_balls), "") for one in self.media),
+            *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in self.parameters),
+            ("finite overlap", self.finite_overlap, ""),
+            ("observe", self.observe, ""),
+            *(("direction", one, "") for one in self.directions[:4]),
+        ]
+        if {"bands", "spectrum"} & set(self.observe):
+            path = self.path
+            rows.append(("path", " ".join(path.labels) if path.labels else str(path), ""))
+        if "dos" in self.observe:
+            rows.append(("mesh", " x ".join(map(str, self.grid)), ""))
+        return write_html("Scene", rows)
 
     def run(
         self,

@@ -14,6 +14,8 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing
 from granphon.base.errors import InputError, Refused, message
+from granphon.base.quantities import LENGTH
+from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
 from granphon.media.choice import MediumChoice, no_simulation
@@ -119,11 +121,6 @@ class Specification:
         return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
 
     @property
-    def waves_need_arrays(self) -> bool:
-        """Whether the scene observes waves that only simulated arrays have."""
-        return bool({"spectrum", "pulse"} & set(self.observe))
-
-    @property
     def is_single(self) -> bool:
         """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
@@ -145,21 +142,22 @@ class Specification:
     @cached_property
     def diameters(self) -> str | None:
         """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene file; else None."""
-        return rules.diameters_table(self.packing.spread)
+        given: Any = self.packing.spread
+        if not rules.is_long(given):
+            return None
+        return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
 
     @property
     def parameters_of_branches(self) -> list[str]:
         """Names of swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
-        return [name for name, _ in self.parameters if name in ("friction", "lattice") or self._changes_motions(name)]
-
-    def _changes_motions(self, name: str) -> bool:
-        """Whether balls have different motions at different values of a swept parameter."""
-        if name not in ("motions", "torsion", "bending"):
-            return False
-        with suppress(InputError):  # a value that the packing cannot have is told with its place later
-            values = dict(self.parameters)[name]
-            return len({change_packing(self.packing, {name: value}).ball_motions for value in values}) > 1
-        return False
+        changing = []
+        for name, values in self.parameters:
+            motions = set[Any]()
+            if name in ("motions", "torsion", "bending"):
+                with suppress(InputError):  # a value that the packing cannot have is told with its place later
+                    motions = {change_packing(self.packing, {name: value}).ball_motions for value in values}
+            changing += [name] * (name in ("friction", "lattice") or len(motions) > 1)
+        return changing
 
     # -- values that exclude each other, by the key in the file ---------------------------------------------------------
 
@@ -176,19 +174,6 @@ class Specification:
                 no_simulation(self.media)
             except InputError as error:
                 raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
-        self._require_waves()
-        if "bands" in self.observe and (changing := self.parameters_of_branches):
-            allowed = "velocities, as the branches differ in number or zone"
-            raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
-        if self.band is not None:
-            path = partial(read_paths, periods=structure.periods)
-            read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
-        if self.load.kind == "side_force" and structure != TRIANGULAR:
-            allowed = "on the triangular lattice only, whose frame is a hexagon"
-            raise Refused("a side_force", allowed, path=("load", "side_force"))
-
-    def _require_waves(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if there are no arrays for the waves that it observes."""
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
         names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
         try:
@@ -198,10 +183,17 @@ class Specification:
             if "dos" in names:
                 allowed += ", where there are several loads or media or a sweep"
             raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
-        if "pulse" not in names:
-            return
-        if self.pulse is None:
+        if "pulse" in names and self.pulse is None:
             mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
             raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
-        if len(self.directions) > 1:
+        if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
+        if "bands" in self.observe and (changing := self.parameters_of_branches):
+            allowed = "velocities, as the branches differ in number or zone"
+            raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
+        if self.band is not None:
+            path = partial(read_paths, periods=structure.periods)
+            read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
+        if self.load.kind == "side_force" and structure != TRIANGULAR:
+            allowed = "on the triangular lattice only, whose frame is a hexagon"
+            raise Refused("a side_force", allowed, path=("load", "side_force"))

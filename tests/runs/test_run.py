@@ -841,7 +841,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     ("where", "error", "code"),
     [
         ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
-        ("granphon.runs.archive._write_table", OSError(28, "No space left on device"), 1),
+        ("granphon.runs.archive._write_rows", OSError(28, "No space left on device"), 1),
         ("granphon.scene.run._write_summary", MemoryError(), 1),
     ],
 )

@@ -1047,7 +1047,7 @@ def test_an_interruption_while_writing_keeps_the_parts(rough, serial, tmp_path, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("granphon.runs.archive._write_table", interrupt)
+        patch.setattr("granphon.runs.archive._write_rows", interrupt)
         with pytest.raises(KeyboardInterrupt):
             sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
     assert [path.name for path in tmp_path.iterdir()] == [PARTIAL]

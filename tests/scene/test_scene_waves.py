@@ -9,10 +9,10 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.phonons.paths import BandPath
+from granphon.runs.wave_records import read_waves
 from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import expected_files
-from granphon.scene.sample_waves import read_waves
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
@@ -209,7 +209,7 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
 def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
     def seconds(frequency, cycles):
         pulse = f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles: {cycles}}}\n"
-        return gp.Scene.from_text(ARRAY + pulse).plan._estimate_waves().known
+        return gp.Scene.from_text(ARRAY + pulse).plan.parts[-1][-1].known
 
     # of the same duration, the one with more periods is read more often
     assert seconds(1000, 10) > 1.5 * seconds(100, 1)
