@@ -180,12 +180,6 @@ class RunResult:
     # -- files ----------------------------------------------------------------------------------------------------------
 
     @property
-    def packages(self) -> tuple[str, ...]:
-        """Names of the packages that the computation used, besides numpy and scipy."""
-        used = ("ase", "phonopy", "spglib") if self.phonons is not None else ("ase",) * (self.waves is not None)
-        return ("xarray", "h5netcdf", *used)
-
-    @property
     def left_out(self) -> tuple[str, ...]:
         """Names of files and figures that have nothing to hold, as no pulse could be sent."""
         if self.waves is None or "pulse" not in self.scene.observe or self.waves.pulse is not None:

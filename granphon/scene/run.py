@@ -95,7 +95,8 @@ def run(
                 if error.reached is None:
                     raise
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
-        used = versions("numpy", "scipy", *result.packages)
+        others = ("ase", "phonopy", "spglib") if result.phonons is not None else ("ase",) * (result.waves is not None)
+        used = versions("numpy", "scipy", "xarray", "h5netcdf", *others)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
