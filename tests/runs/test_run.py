@@ -37,8 +37,7 @@ from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
-from granphon.scene.results import RunResult
-from granphon.scene.run import is_complete
+from granphon.scene.run import RunResult, is_complete
 from granphon.scene.scene import Scene
 from tests.conftest import only
 
