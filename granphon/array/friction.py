@@ -109,17 +109,16 @@ class Tangent:
     sliding: Array
     drag: float = 0.0
 
-    def stiffen(self, normal: float, shear: float, share: float) -> Tangent:
-        """Return a tangent of contacts that are stiffer by ``normal`` and ``shear``, and against sliding by a ``share``.
+    def regularise(self, added: float, eta: float, share: float, drag: float, unit: float) -> Tangent:
+        """Return the tangent of contacts that are stiffer by ``added``, and eta times as much against slip, in units.
 
-        If that is one, a contact that slides has the secant stiffness, that of a spring which would carry T.
+        Against sliding they are stiffer by a ``share``: if that is one, a contact that slides has the secant stiffness, that
+        of a spring which would carry T. Beside the contacts there are dashpots of stiffness ``drag``, and eta times as much,
+        which neither slide nor open.
         """
-        sliding = math.sqrt(1.0 - share) * self.sliding
-        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, sliding, self.drag)
-
-    def damp(self, normal: float, drag: float) -> Tangent:
-        """Return a tangent with other springs beside the contacts, which neither slide nor open."""
-        return Tangent(self.stiffness + normal, self.shear, self.coupling, self.sliding, self.drag + drag)
+        stiffness, sliding, factor = self.stiffness + added + drag, math.sqrt(1.0 - share) * self.sliding, 1.0 / unit
+        shear, drag = factor * (self.shear + eta * added), factor * (self.drag + eta * drag)
+        return Tangent(factor * stiffness, shear, factor * self.coupling, sliding, drag)
 
     @cached_property
     def springs(self) -> Array:
@@ -132,11 +131,6 @@ class Tangent:
         if len(self.sliding) == 1:
             return np.empty((0, *self.stiffness.shape))
         return np.asarray((self.shear * self.sliding[0] * self.sliding[1])[None])
-
-    def scale(self, factor: float) -> Tangent:
-        """Return a tangent that is stiffer by a factor."""
-        stiffness, shear, coupling = factor * self.stiffness, factor * self.shear, factor * self.coupling
-        return Tangent(stiffness, shear, coupling, self.sliding, factor * self.drag)
 
     def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
         """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""
@@ -262,7 +256,9 @@ class FrictionLaw:
 
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
-        shear = 0.5 * self.mindlin_ratio * 1.5 * np.sqrt(contacts.closed) * self._bent(contacts) ** 2
+        stiffness = 1.5 * self.mindlin_ratio * np.sqrt(contacts.closed)
+        slips = np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
+        shear = 0.5 * self.mindlin_ratio * 1.5 * np.sqrt(contacts.closed) * slips**2
         return float(np.mean(0.4 * contacts.forces * contacts.closed + shear))
 
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
@@ -279,11 +275,6 @@ class FrictionLaw:
             one, other = lose(old, new, bent, part * (now - then), self.mindlin_ratio, self.friction_coefficient)
             slid, loosened = slid + float(np.sum(one)), loosened + float(np.sum(other))
         return slid / change.size, loosened / change.size
-
-    def _bent(self, contacts: Contacts) -> Array:
-        """Return the elastic slips |T|/(eta k), zero where balls are apart."""
-        stiffness = 1.5 * self.mindlin_ratio * np.sqrt(contacts.closed)
-        return np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
 
 
 @dataclass(frozen=True, eq=False)

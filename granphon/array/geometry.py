@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import Single, conjugate_gradients, solve_for_motion
+from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
@@ -64,8 +64,11 @@ _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
 #: largest width over diameter: of balls that differ more, some leave their neighbours, and touch others
 LARGEST_RATIO = 0.2
-#: largest number of conjugate-gradient steps in one step of Newton's method
-_MOST_STEPS = 3000
+#: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness times the distance from
+#: equilibrium: where many contacts are open the others do not make a solid, and without it the step would be unbounded
+ADDED_STIFFNESS = 1e-2
+#: fraction by which Newton's method may miss a given mean force, with friction or in the true geometry
+LOAD_TOLERANCE = 1e-12
 
 
 class ReducedLoad(NamedTuple):
@@ -187,10 +190,19 @@ class ExactGeometry:
         ends = np.stack([first[i] for i, _ in stencils.ends])
         #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
         self.uneven = 0.5 * ratio * (self.means - ends)
-        #: stencils with the vectors of :meth:`split`
-        self.frame = stencils.observe(_frame_rows(stencils))
         self.dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
-        pushes = _frame_rows(stencils)[: self.dimension]
+        # rows for the relative displacement of two balls, then for the sum and the difference of their rotations: components
+        # along the contact's direction on the lattice and its tangents there
+        motions, p = stencils.motions, self.dimension
+        frame = [np.array(axis) for axis in contact_frames(stencils.lattice.contacts.normal[:, :p])]
+        still, fixed = (np.zeros((len(axes), stencils.n_contacts)) for axes in (motions.rotations, motions.translations))
+        moves = [np.concatenate([axis[list(motions.translations)], still]).T for axis in frame[:p]]
+        turns = [np.concatenate([fixed, axis[list(motions.rotations)]]).T for axis in frame[3 - self._turns :]]
+        pushes = [Row("push", 1.0, move, move) for move in moves]
+        #: stencils with the vectors of :meth:`split`
+        self.frame = stencils.observe(
+            [*pushes, *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns)]
+        )
         #: stencils with elongations, and with displacements across contacts, for preconditioners
         self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
 
@@ -230,7 +242,7 @@ class ExactGeometry:
             found, taken, stable = conjugate_gradients(
                 partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, most or _MOST_STEPS,
+                join(*right), reduction, most or MOST_ITERATIONS,
             )  # fmt: skip
             count += taken
             if stable:
@@ -268,26 +280,6 @@ class ExactGeometry:
         """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
         p = self.dimension
         return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[:p, :p].transpose(2, 0, 1)
-
-
-def _frame_rows(stencils: Stencils) -> list[Row]:
-    """Return rows for the relative displacement of two balls, and for the sum and the difference of their rotations.
-
-    Components are those along the contact's direction on the lattice and its tangents there.
-    """
-    motions, p = stencils.motions, stencils.lattice.periods
-    frame = [np.array(axis) for axis in contact_frames(stencils.lattice.contacts.normal[:, :p])]
-    still = np.zeros((len(motions.rotations), stencils.n_contacts))
-    rows = []
-    for axis in frame[:p]:
-        move = np.concatenate([axis[list(motions.translations)], still]).T
-        rows.append(Row("push", 1.0, move, move))
-    still = np.zeros((len(motions.translations), stencils.n_contacts))
-    for sign in (-1.0, 1.0):
-        for axis in frame[3 - len(motions.rotations) :]:
-            turn = np.concatenate([still, axis[list(motions.rotations)]]).T
-            rows.append(Row("turn", 1.0, turn, sign * turn))
-    return rows
 
 
 class ExactPlace:
@@ -356,10 +348,6 @@ class ExactPlace:
     def _roll(self, total: _Vector, difference: _Vector, size: Array) -> _Vector:
         """Return arm_i phi_i + arm_j phi_j, from the sum and the difference of the rotations."""
         return _add(_times(0.5 * size, total), _times(self.geometry.uneven, difference))
-
-    def _slide(self, moved: _Vector, rolled: _Vector) -> tuple[Any, Any]:
-        t, b = self.tangents
-        return _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
 
     def losses(self, motion: Motion) -> Array:
         """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
@@ -474,7 +462,9 @@ class ExactPlace:
         loss = _dot(n, moved)
         shear = shears
         if len(shears):
-            shear = np.stack(self._slide(moved, self._roll(total, difference, self.size))[: len(shears)])
+            (t, b), rolled = self.tangents, self._roll(total, difference, self.size)
+            slide = _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
+            shear = np.stack(slide[: len(shears)])
         normal, shear = law(loss, shear)
         tilt = _times(eps / self.size, _subtract(moved, _times(loss, n)))  # dn
         along, across = self._carry(shear)

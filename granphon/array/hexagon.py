@@ -209,27 +209,22 @@ class Hexagon:
         self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
-        self.deviations = self._find_deviations(diameters)
+        count, d = len(self.sites), packing.diameter
+        if diameters is not None:
+            drawn = finite_array("diameters", diameters, "m", "above zero")
+            if drawn.shape != (count,):
+                raise InputError(message(f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers"))
+            if abs(np.mean(drawn) - d) > 1e-9 * d:
+                what = f"the mean of the diameters is {np.mean(drawn):.9g} m, that of the packing {d:.9g} m"
+                raise InputError(message(what))
+        else:
+            drawn = np.zeros(count) if packing.spread is None else packing.spread.sample(count, int(self.seed or 0))
+        #: (3n(n - 1) + 1,) deviations from the mean diameter, m
+        self.deviations = read_only(drawn - np.mean(drawn))
         own, other = packing.material, wall_material
         soft = 0.0 if other is None else own.contact_modulus / other.contact_modulus
         #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): twice the radius, and the modulus of both
         self.wall_coefficient = packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + soft)
-
-    def _find_deviations(self, diameters: ArrayLike | None) -> Array:
-        """Return (n_balls,) deviations from the mean diameter, m."""
-        count, d = len(self.sites), self.packing.diameter
-        if diameters is None:
-            spread = self.packing.spread
-            if spread is None:
-                return read_only(np.zeros(count))
-            drawn = spread.sample(count, int(self.seed or 0))
-            return read_only(drawn - np.mean(drawn))
-        given = finite_array("diameters", diameters, "m", "above zero")
-        if given.shape != (count,):
-            raise InputError(message(f"diameters have the shape {given.shape}", mend=f"Give {count} numbers"))
-        if abs(np.mean(given) - d) > 1e-9 * d:
-            raise InputError(message(f"the mean of the diameters is {np.mean(given):.9g} m, that of the packing {d:.9g} m"))
-        return read_only(given - np.mean(given))
 
     # -- contacts -----------------------------------------------------------------------------------------------------
 
@@ -293,7 +288,17 @@ class Hexagon:
         motion, residual = self._press(loads.pop(), None)
         for load in reversed(loads):
             motion, residual = self._press(load, motion)
-        return self._describe(wanted, motion, residual)
+        law, count, x = self.packing.law, len(self.sites), self.deviations
+        (i, j, normal), (ball, wall) = self._pairs, self._leaning
+        gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
+        forces = law.force(gap - self._matrix @ motion)
+        at_walls = self._wall_scale * forces[len(i) :]
+        self._require_shallow(wanted, float(np.max(forces[: len(i)])), float(np.max(at_walls)))
+        return PressedHexagon(
+            self.packing, self.balls_per_side, wanted, self.sites, x, motion[: 2 * count].reshape(-1, 2),
+            motion[2 * count :], i, j, normal, ball, wall, forces[: len(i)], at_walls,
+            self.wall_coefficient, residual,
+        )  # fmt: skip
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
         """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their size allows."""
@@ -318,7 +323,12 @@ class Hexagon:
         gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
         push = np.zeros(2 * count + 6)
         push[2 * count :] = math.sqrt(3.0) * self.balls_per_side
-        z = self._compress() if start is None else start / unit
+        if start is None:  # equal balls with an overlap of one, and walls with the force of the balls that lean on them
+            lean = (math.sqrt(3.0) * law.coefficient / self.wall_coefficient) ** (2.0 / 3.0)
+            depth = (self.balls_per_side - 1) * math.sqrt(0.75) + lean
+            z = np.append((-self.sites / self.packing.diameter).ravel(), np.full(6, -depth))
+        else:
+            z = start / unit
         centre = int(np.argmin(np.sum(self.sites**2, axis=1)))
         free = np.delete(np.arange(z.size), [2 * centre, 2 * centre + 1])
         transposed = matrix.T.tocsr()
@@ -341,24 +351,3 @@ class Hexagon:
         raise ConvergenceError(
             message(f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact force is left on a ball")
         )
-
-    def _compress(self) -> Array:
-        """Return the motion that gives equal balls an overlap of one, and walls the force of the balls that lean on them."""
-        inward = -self.sites / self.packing.diameter
-        lean = (math.sqrt(3.0) * self.packing.law.coefficient / self.wall_coefficient) ** (2.0 / 3.0)
-        depth = (self.balls_per_side - 1) * math.sqrt(0.75) + lean
-        return np.append(inward.ravel(), np.full(6, -depth))
-
-    def _describe(self, side_force: float, motion: Array, residual: float) -> PressedHexagon:
-        law, count = self.packing.law, len(self.sites)
-        (i, j, normal), (ball, wall) = self._pairs, self._leaning
-        x = self.deviations
-        gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
-        forces = law.force(gap - self._matrix @ motion)
-        at_walls = self._wall_scale * forces[len(i) :]
-        self._require_shallow(side_force, float(np.max(forces[: len(i)])), float(np.max(at_walls)))
-        return PressedHexagon(
-            self.packing, self.balls_per_side, side_force, self.sites, x, motion[: 2 * count].reshape(-1, 2),
-            motion[2 * count :], i, j, normal, ball, wall, forces[: len(i)], at_walls,
-            self.wall_coefficient, residual,
-        )  # fmt: skip

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import FrictionLaw, PressedArray
 from granphon.array.geometry import Geometry, LatticeGeometry, ReducedLoad
-from granphon.array.load_step import BALANCE_TOLERANCE, SMALL_FRICTION
+from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
@@ -113,22 +113,20 @@ class LoadingHistory:
             return self.stepper.press_gas(-float(np.max(self.stencils.average_pairs(self.deviations))))
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
         load = ReducedLoad(overlap=START_SPACING - 0.5) if self.start is None else self.start
-        state = self._rest(load, smooth) if isinstance(load, ReducedLoad) else load
+        state = load
+        if isinstance(load, ReducedLoad):
+            try:
+                state = equilibrate(self.deviations, load, smooth)
+            except InputError as error:
+                what = f"the history starts below the threshold, at {self.stepper.name_load(load)}"
+                mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
+                raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
         assert isinstance(state, Equilibrium)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
             same = load if isinstance(load, ReducedLoad) else ReducedLoad(overlap=state.overlap)
             state = equilibrate_exactly(self.deviations, same, ratio, smooth, state)
         return self.stepper.place(state.balls, state.overlap, state.residual)
-
-    def _rest(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
-        """Return the equilibrium without friction under a load."""
-        try:
-            return equilibrate(self.deviations, load, smooth)
-        except InputError as error:
-            what = f"the history starts below the threshold, at {self.stepper.name_load(load)}"
-            mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
-            raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
 
     def path(self, loads: Iterable[ReducedLoad], first: PressedArray | None = None) -> Iterator[PressedArray]:
         """Yield the state at each of the ordered ``loads``, which may go up and down, from the ``first`` state or the start.
@@ -153,7 +151,7 @@ class LoadingHistory:
     def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
         """Yield states on the way to a load, in steps so short that halving them changes little."""
         if self.tolerance == math.inf:
-            yield self.step(trail, load)
+            yield self.stepper.step(trail, load)
             return
         ahead, taken, kept = [(load, self.tolerance, 0)], 0, 0.0
         while ahead:
@@ -161,18 +159,23 @@ class LoadingHistory:
             middle, found = self.stepper.halve(trail[-1], load), []
             if not goes_on([*(self.stepper.measure(one, load) for one in trail[-2:]), find_aim(load)]):
                 # nothing tells yet how the path bends: two halves do
-                found = [self.step(trail, middle)]
-            found.append(self.step([*trail, *found], load))
+                found = [self.stepper.step(trail, middle)]
+            found.append(self.stepper.step([*trail, *found], load))
             change, bent = self._compare([*trail, *found], len(found), load)
             change /= found[-1].force
+            before, after = trail[-1], found[-1]
+            # halving changes what is lost by little
+            lost, work = after.slid + after.loosened - before.slid - before.loosened, abs(after.work - before.work)
+            kept_loss = sum(abs(sum(more)) for more in bent) <= self.tolerance * (_OF_LOSS * lost + _OF_WORK * work)
             # where a ball falls, the shortest step keeps a change that is none of the step's
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
             # balance to a finite residual leaves f* uncertain
-            if falls or (
-                change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
-                and (halvings >= _LOSS_HALVINGS or self._loses_little(trail[-1], found[-1], bent))
-            ):
-                found = _correct_losses(found, bent)
+            if falls or (change <= max(allowed, _NOISE * BALANCE_TOLERANCE) and (halvings >= _LOSS_HALVINGS or kept_loss)):
+                slid = loosened = 0.0  # what is lost more, from each state on
+                for at, (one, more) in enumerate(zip(found, bent, strict=True)):
+                    slid, loosened = slid + more[0], loosened + more[1]
+                    work = one.work + (slid + loosened)
+                    found[at] = replace(one, slid=one.slid + slid, loosened=one.loosened + loosened, work=work)
                 yield from found
                 trail, taken, kept = [*trail, *found][-3:], taken + len(found), kept + change * falls
             elif halvings == MOST_HALVINGS:
@@ -215,26 +218,3 @@ class LoadingHistory:
             )
             bent.append((slid, loosened))
         return change, bent
-
-    def _loses_little(self, before: PressedArray, after: PressedArray, bent: Sequence[tuple[float, float]]) -> bool:
-        """Return whether halving the steps between two states changes what is lost by little; see :meth:`_compare`."""
-        lost, work = after.slid + after.loosened - before.slid - before.loosened, abs(after.work - before.work)
-        return sum(abs(slid + loosened) for slid, loosened in bent) <= self.tolerance * (_OF_LOSS * lost + _OF_WORK * work)
-
-    def step(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray:
-        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
-
-        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
-        """
-        # with small friction balls come into balance only in stages, which steps with dashpots do without
-        return self.stepper.step(trail, load, relaxes=self.friction_coefficient >= SMALL_FRICTION)
-
-
-def _correct_losses(states: Sequence[PressedArray], bent: Sequence[tuple[float, float]]) -> list[PressedArray]:
-    """Return the states with losses that are larger by ``bent`` from each one on."""
-    more, corrected = (0.0, 0.0), []
-    for state, (slid, loosened) in zip(states, bent, strict=True):
-        more = more[0] + slid, more[1] + loosened
-        after = replace(state, slid=state.slid + more[0], loosened=state.loosened + more[1], work=state.work + sum(more))
-        corrected.append(after)
-    return corrected

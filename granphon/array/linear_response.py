@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granphon.array import sparse_matrices
 from granphon.array.geometry import ExactPlace, Inverse, Law
-from granphon.array.krylov import Map, Single, conjugate_gradients
+from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
@@ -46,8 +46,6 @@ _NOISE = 1e-14
 #: relative residual of linear responses in the true geometry; the error of a stiffness is its square, without tangential
 #: forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps
-_KEPT = 60
 #: cycles of GMRES after which the matrix is factorised
 _PATIENCE = 4
 #: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
@@ -136,12 +134,32 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
-    stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
-    wanted = _is_small(frame) if symmetric else _can_factorise(frame)
-    table = np.array(list(_tabulate(place, acting))) if symmetric else None
+    stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
+    small, few = (count <= most[len(frame.shape) - 2] for most in (_MOST_AT_ONCE, _MOST_BALLS))
+
+    def tabulate() -> Iterator[Array]:
+        return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
+
+    table = np.array(list(tabulate())) if symmetric else None
     product = None if table is None else frame.couple(table)
-    matrix = _compose(frame, stiff, _tabulate(place, acting) if table is None else table) if wanted else None
-    inverses = _offer_inverses(place, acting, stencils, stiff, matrix)
+    wanted = small if symmetric else few
+    matrix = _compose(frame, stiff, tabulate() if table is None else table) if wanted else None
+
+    def offer_inverses() -> Iterator[tuple[Inverse, int]]:
+        """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one."""
+        if matrix is not None and small and (factors := _factorise(frame, matrix, symmetric)):
+            yield factors, _MOST_ITERATIONS
+            return
+        whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+        if symmetric:  # it has to be positive definite
+            yield whole, _MOST_ITERATIONS
+            return
+        alone = _invert_balls(frame, stiff, tabulate())
+        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * KEPT
+        if matrix is not None and (factors := _factorise(frame, matrix)):
+            yield factors, _MOST_ITERATIONS
+
+    inverses = offer_inverses()
     inverse, most = next(inverses)
 
     def apply(vector: Array) -> Array:
@@ -177,39 +195,13 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     return found
 
 
-def _tabulate(place: ExactPlace, acting: ActingForces) -> Iterator[Array]:
-    return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
-
-
-def _offer_inverses(
-    place: ExactPlace, acting: ActingForces, stencils: Stencils, stiff: float, matrix: Any
-) -> Iterator[tuple[Inverse, int]]:
-    """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one.
-
-    Without tangential forces it has to be positive definite. ``stiff`` is the mean normal stiffness of contacts; the
-    ``matrix`` is None where it is not to be factorised.
-    """
-    frame, symmetric = place.geometry.frame, not np.any(acting.shears)
-    if matrix is not None and _is_small(frame) and (factors := _factorise(frame, matrix, symmetric)):
-        yield factors, _MOST_ITERATIONS
-        return
-    whole = Preconditioners(stencils).choose(acting.springs, hard=True)
-    if symmetric:
-        yield whole, _MOST_ITERATIONS
-        return
-    alone = _invert_balls(frame, stiff, _tabulate(place, acting))
-    yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * _KEPT
-    if matrix is not None and (factors := _factorise(frame, matrix)):
-        yield factors, _MOST_ITERATIONS
-
-
 def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, most: int) -> tuple[Array, bool]:
     from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
 
     size = right.size, right.size
     found, failed = gmres(
         LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, atol=floor,
-        restart=_KEPT, maxiter=most // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+        restart=KEPT, maxiter=most // KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
     )  # fmt: skip
     return found, not failed
 
@@ -263,16 +255,6 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
             tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
     tensor /= measure
     return np.asarray(0.5 * (tensor + tensor.T))
-
-
-def _is_small(stencils: Stencils) -> bool:
-    """Return whether an array is so small that factors of its matrix cost less than iterations without."""
-    return _can_factorise(stencils, _MOST_AT_ONCE)
-
-
-def _can_factorise(stencils: Stencils, most: Sequence[int] = _MOST_BALLS) -> bool:
-    """Return whether an array has no more balls than ``most``, which is given for a plane and for space."""
-    return math.prod(stencils.shape) * stencils.n_balls <= most[len(stencils.shape) - 2]
 
 
 def _compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:

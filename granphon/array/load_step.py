@@ -23,17 +23,25 @@ from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray, Tangent
-from granphon.array.geometry import Geometry, Inverse, Place, Product, ReducedLoad, find_lack, multiply
+from granphon.array.geometry import (
+    ADDED_STIFFNESS,
+    LOAD_TOLERANCE,
+    Geometry,
+    Inverse,
+    Place,
+    Product,
+    ReducedLoad,
+    find_lack,
+    multiply,
+)
 from granphon.array.krylov import Single, solve_by_minimal_residuals
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.sparse_matrices import Indices
-from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.stencils import Motion, dot
 
 Array = NDArray[np.float64]
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
-#: fraction by which a given mean force may be missed
-_LOAD_TOLERANCE = 1e-12
 #: Newton steps before a step of the load is halved, at most
 _NEWTON_STEPS = 120
 #: Newton steps in which the residual must fall by half
@@ -63,8 +71,6 @@ _LEFT_BY_LOOSE = 0.12
 _LONGER = 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
-#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
-_ADDED_STIFFNESS = 1e-2
 #: factor by which the added stiffness is raised after a step that had to be made short, where a ball has lost what held it,
 #: and lowered after a whole one
 _EASE = 10.0
@@ -269,29 +275,23 @@ class LoadStep:
             best = (new, 1.0) if new.size < best[0].size else best
         return best
 
-    def _resist(self, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
-        """Return the normal forces and the tangential ones, with those of dashpots if there are any."""
-        if not self._drag:
-            return contacts.forces, contacts.shears
-        before = self._here
-        normal = contacts.overlaps - before.contacts.overlaps - (overlap - before.overlap)
-        slips = contacts.slips - before.contacts.slips
-        return contacts.forces + self._drag * normal, contacts.shears + self._stencils.mindlin_ratio * self._drag * slips
-
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
-        slips = place.slips(self._place, self._here.contacts.slips)
-        contacts, linearise = self._law.advance(self._here.contacts, place.overlaps, slips, guess)
+        before = self._here.contacts
+        slips = place.slips(self._place, before.slips)
+        contacts, linearise = self._law.advance(before, place.overlaps, slips, guess)
         forces, load, stencils = contacts.forces, self._load, self._stencils
         force = float(np.mean(forces))
-        pull = place.pull(*self._resist(contacts, overlap))
+        normal, shears = forces, contacts.shears
+        if self._drag:  # dashpots resist what neighbours have moved against each other
+            loss = contacts.overlaps - before.overlaps - (overlap - self._here.overlap)
+            normal = forces + self._drag * loss
+            shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - before.slips)
+        pull = place.pull(normal, shears)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
         fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
-        turning = fields[:, stencils.motions.turning]
-        square = max(
-            float(np.max(_square(stencils.cartesian(pull), 0))),
-            float(np.max(_square(turning, 1))) if turning.size else 0.0,
-        )
+        parts = stencils.cartesian(pull), fields[:, stencils.motions.turning].swapaxes(0, 1)
+        square = max(float(np.max(np.einsum("a...,a...->...", one, one), initial=0.0)) for one in parts)
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
@@ -303,26 +303,22 @@ class LoadStep:
         """Return the step of Newton's method, and the number of iterations that it took."""
         stencils, distance, free = self._stencils, max(trial.left, trial.missed), self._load.overlap is None
         mean, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, stencils.mindlin_ratio
-        added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
+        added = ADDED_STIFFNESS * min(1.0, distance * hold) * mean
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
-        tangent = trial.tangent.stiffen(added, eta * added, share).damp(self._drag, eta * self._drag).scale(1.0 / mean)
+        tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
         product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         push = trial.push / mean if free else None
         way, taken = self._linear.solve(product, tangent, trial.pull / mean, push, reduction)
-        return Motion(self._shorten(way.balls, trial), way.compression), taken
-
-    def _shorten(self, found: Array, trial: Trial) -> Array:
-        """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""
-        motions, n = self._stencils.motions, self._stencils.n_balls
-        fields = found.reshape(n, motions.count, *self._stencils.shape)
+        # the motions of balls that are about to lose their hold and fall are made shorter
+        fields = way.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
-        sizes = np.max(np.abs(fields[:, motions.translating]), axis=1, initial=0.0)
-        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, motions.turning]), axis=1, initial=0.0), out=sizes)
+        sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
+        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, stencils.motions.turning]), axis=1, initial=0.0), out=sizes)
         if float(np.max(sizes)) > limit:
             fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
-        return fields.reshape(trial.balls.shape)
+        return Motion(fields.reshape(trial.balls.shape), way.compression), taken
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
@@ -332,58 +328,38 @@ class LoadStep:
         loose: NDArray[np.bool_] = stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
         if not np.any(loose):
             return trial
-        at, arms = _find_contacts(stencils, loose)
+        # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
+        count, (turning,) = stencils.motions.count, range(stencils.motions.count)[stencils.motions.turning]
+        ball, *cell = np.nonzero(stencils.by_ball(loose))
+        places: list[Any] = []
+        reach: list[Array] = []
+        slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
+        for kind, ((head, tail), shift, (i, j)) in enumerate(zip(slips, stencils.shifts, stencils.ends, strict=True)):
+            for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
+                begun = [(at - step) % size for at, step, size in zip(cell, steps, stencils.shape, strict=True)]
+                places.append([np.full_like(ball, kind), *begun])
+                reach.append(np.where(ball == one, ends[count * one + turning], 0.0))
+        at, arms = tuple(np.moveaxis(np.array(places), 1, 0)), np.array(reach)
         before, after = self._here.contacts, trial.contacts
-        ends = Contacts(before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None])
+        ends_before = Contacts(before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None])
         held = after.overlaps if guess is None else guess
-        bent, springs, limits = self._law.bend(ends, held[at], after.slips[0][at][None])
+        bent, springs, limits = self._law.bend(ends_before, held[at], after.slips[0][at][None])
         turn = _unwind(bent[0], springs * arms, limits, arms)
-        turn = np.where(_find_first(stencils, at, arms, np.clip(bent[0], -limits, limits)), turn, 0.0)
+        # balls that touch would each undo what the other's turn has brought: of those the one with the greatest torque turns
+        torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
+        numbers = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
+        greatest, felt = np.zeros(after.overlaps.size), np.where(arms != 0.0, torques, 0.0)
+        np.maximum.at(greatest, numbers, felt)
+        turn = np.where(np.all(felt >= np.where(arms != 0.0, greatest[numbers], 0.0), axis=0), turn, 0.0)
         balls = trial.balls.copy()
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
-        fields[:, 0][loose.reshape(stencils.n_balls, *stencils.shape)] += turn
+        fields[:, 0][stencils.by_ball(loose)] += turn
         return self._try(balls, trial.overlap, guess)
-
-
-def _square(vectors: Array, axis: int) -> Array:
-    vectors = np.moveaxis(vectors, axis, 0)
-    return np.asarray(np.einsum("a...,a...->...", vectors, vectors))
 
 
 def is_balanced(trial: Trial) -> bool:
     """Return whether all balls are in balance, and the load is met."""
-    return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
-
-
-def _find_contacts(stencils: Stencils, chosen: NDArray[np.bool_]) -> tuple[tuple[Any, ...], Array]:
-    """Return the indices (contacts, balls) of the contacts around chosen balls of a plane, and their slips as these turn.
-
-    ``chosen`` has :attr:`Stencils.ball_shape`.
-    """
-    count, (turning,) = stencils.motions.count, range(stencils.motions.count)[stencils.motions.turning]
-    ball, *cell = np.nonzero(chosen.reshape(stencils.n_balls, *stencils.shape))
-    places: list[Any] = []
-    arms: list[Array] = []
-    slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
-    for kind, ((head, tail), shift, (i, j)) in enumerate(zip(slips, stencils.shifts, stencils.ends, strict=True)):
-        for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
-            start = [(at - step) % size for at, step, size in zip(cell, steps, stencils.shape, strict=True)]
-            places.append([np.full_like(ball, kind), *start])
-            arms.append(np.where(ball == one, ends[count * one + turning], 0.0))
-    return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
-
-
-def _find_first(stencils: Stencils, at: tuple[Any, ...], arms: Array, bent: Array) -> NDArray[np.bool_]:
-    """Return which of the balls have a torque that none of the others among them that they touch exceeds.
-
-    Balls that touch would each undo what the other's turn has brought.
-    """
-    torques = np.abs(np.sum(arms * bent, axis=0))
-    places = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
-    greatest = np.zeros(stencils.n_contacts * math.prod(stencils.shape))
-    felt = np.where(arms != 0.0, torques, 0.0)
-    np.maximum.at(greatest, places, felt)
-    return np.asarray(np.all(felt >= np.where(arms != 0.0, greatest[places], 0.0), axis=0))
+    return trial.left <= BALANCE_TOLERANCE and trial.missed <= LOAD_TOLERANCE
 
 
 def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:

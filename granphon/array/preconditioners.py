@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +79,9 @@ class Preconditioners:
         """
         if (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
             self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
-            self._factors = self._factorise(stiffness)
+            i, j = self._stencils.ends_of_rows()
+            head, tail = self._stencils.coefficients
+            self._factors = factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
         return self._factors or self._stencils.preconditioner(stiffness, product)
 
     def count(self, iterations: int) -> None:
@@ -104,11 +105,6 @@ class Preconditioners:
     def _may_factorise(self, stiffness: Array) -> bool:
         normal = stiffness[: self._stencils.n_contacts]
         return self.are_small and float(np.mean(normal > STIFF * np.mean(normal))) <= self._most_stiff
-
-    def _factorise(self, stiffness: Array) -> Inverse:
-        i, j = self._stencils.ends_of_rows()
-        head, tail = self._stencils.coefficients
-        return factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
 
 
 class Patches:
@@ -175,7 +171,14 @@ class Patches:
         contacts = self._find_contacts(balls)
         place, n = np.full(self._balls, -1), contacts.size
         place[balls] = np.arange(balls.size)
-        c = self._cut(contacts, place, balls.size)
+        # C of these contacts and of the balls of the patch, field after field of each
+        parts, rows = [], np.arange(self._rows.shape[2])
+        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
+            inside = np.flatnonzero(ends >= 0)
+            row = (inside[:, None] + n * rows)[..., None]
+            column = (self._fields * ends[inside, None] + np.arange(self._fields))[:, None]
+            parts.append((row, column, coefficients[contacts[inside] // self._cells]))
+        c = compose(parts, (len(rows) * n, self._fields * balls.size))
         stiffness, springs, coupling, cross = (
             one.reshape(-1, tangent.stiffness.size)[:, contacts]
             for one in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
@@ -199,15 +202,3 @@ class Patches:
             motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
 
         return put
-
-    def _cut(self, contacts: Indices, place: Indices, size: int) -> Any:
-        """Return C of some contacts and of the balls that have a ``place`` among ``size``, field after field of each."""
-        n, parts = contacts.size, []
-        shape = (self._rows.shape[2], self._fields)
-        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
-            inside = np.flatnonzero(ends >= 0)
-            values = coefficients[contacts[inside] // self._cells]
-            row = (inside[:, None] + n * np.arange(shape[0]))[..., None]
-            column = (self._fields * ends[inside, None] + np.arange(shape[1]))[:, None]
-            parts.append((row, column, values))
-        return compose(parts, (shape[0] * n, self._fields * size))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
+from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -26,9 +27,6 @@ Array = NDArray[np.float64]
 _FACTORISATIONS = 200
 #: residual force on a ball, over the mean contact force, that rounding may leave
 _FORCE_ROUNDING = 1e-14
-#: stiffness added to each contact in a factorisation, as a fraction of the mean stiffness times the distance from
-#: equilibrium
-_SHIFT = 1e-2
 #: stiffness of the springs that hold motions which nothing else holds, over the largest stiffness
 _HOLDING_STIFFNESS = 1e-12
 #: number of solutions, each for the residual of the one before, that remove the effect of these springs
@@ -121,6 +119,8 @@ class SparseArray:
         Raises :class:`~granphon.base.errors.ConvergenceError` if the tolerance is not reached, or too few balls touch to
         carry a load.
         """
+        from scipy.sparse import csc_array
+
         h = overlap + self._means
         for _ in range(_FACTORISATIONS):
             if check is not None:
@@ -136,8 +136,10 @@ class SparseArray:
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
             stiffness = 1.5 * root
-            stiffness += _SHIFT * min(1.0, left) * np.mean(stiffness)
-            strain = self._c @ self._step(stiffness, pull)
+            stiffness += ADDED_STIFFNESS * min(1.0, left) * np.mean(stiffness)
+            entries = self._fill @ stiffness, self._indices, self._starts
+            step = factorise(csc_array(entries, shape=(self._size, self._size))).solve(pull[self._d :])
+            strain = self._c @ np.concatenate([np.zeros(self._d), step])
             h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
             message(
@@ -150,12 +152,6 @@ class SparseArray:
     def _find_largest(self, pull: Array) -> float:
         """Return the largest force on a ball, in units of c W^(3/2)."""
         return math.sqrt(float(np.max(np.sum(pull.reshape(-1, self._d) ** 2, axis=1))))
-
-    def _step(self, stiffness: Array, force: Array) -> Array:
-        from scipy.sparse import csc_array
-
-        matrix = csc_array((self._fill @ stiffness, self._indices, self._starts), shape=(self._size, self._size))
-        return np.concatenate([np.zeros(self._d), factorise(matrix).solve(force[self._d :])])
 
     # -- linear response --------------------------------------------------------------------------------------------
 
@@ -175,7 +171,13 @@ class SparseArray:
         c = self._make_compatibility(mindlin_ratio)
         slips = c.shape[0] // normal.size - 1
         stiffness = np.concatenate([normal, *[mindlin_ratio * normal] * slips])
-        strained = self._strain_contacts()[: stiffness.size]
+        # elongations n.e.n, then slips t.e.n, of every contact (rows) under each unit strain in Voigt order
+        n, *tangents = contact_frames(self.lattice.contacts.normal)
+        rows = [
+            np.stack([0.5 * (axis[a] * n[b] + axis[b] * n[a]) for a, b in voigt_pairs(self._d)], axis=1)
+            for axis in (n, *tangents)
+        ]
+        strained = np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)[: stiffness.size]
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
         hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
@@ -185,15 +187,6 @@ class SparseArray:
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
         left = strained - c @ motion
         return np.asarray(left.T @ (stiffness[:, None] * left) / (self.lattice.measure * math.prod(self.shape)))
-
-    def _strain_contacts(self) -> Array:
-        """Return elongations n.e.n, then slips t.e.n, of every contact (rows) under each unit strain in Voigt order."""
-        normal, *tangents = contact_frames(self.lattice.contacts.normal)
-        rows = [
-            np.stack([0.5 * (axis[a] * normal[b] + axis[b] * normal[a]) for a, b in voigt_pairs(self._d)], axis=1)
-            for axis in (normal, *tangents)
-        ]
-        return np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)
 
 
 def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:

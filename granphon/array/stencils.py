@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
-from granphon.array.green import green_function, green_inverse
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
@@ -36,6 +35,12 @@ _LEAST_LOCAL = 1e-5
 _DAMPED = 0.8
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
 _UNEVEN = 0.1
+#: number of wave vectors at which matrices are inverted at a time
+_WAVES = 2**15
+#: eigenvalue, over the largest of the same wave, that rounding explains
+_SINGULAR = 1e-14
+#: difference of a coefficient of C from a whole number that is rounding
+_ROUNDED = 1e-12
 #: least sine of the angle between a normal and those before it, for displacements to be projected on it
 _INDEPENDENT = 0.1
 
@@ -106,7 +111,17 @@ class Stencils:
     @cached_property
     def coefficients(self) -> Array:
         """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
-        return _project_rows(self._kinds, self.ends, self.basis, self.n_fields)
+        p, n, m = len(self.basis), self.n_contacts, self.motions.count
+        found, project = np.zeros((2, self.n_rows, self.n_fields)), np.eye(m)
+        project[:p, :p] = np.linalg.inv(self.basis)
+        for place, kind in enumerate(self._kinds):
+            for at, rows in enumerate((kind.head @ project, kind.tail @ project)):
+                near = np.rint(rows)
+                rows = np.where(np.abs(rows - near) < _ROUNDED, near, rows)
+                for contact, (ends, line) in enumerate(zip(self.ends, rows, strict=True)):
+                    first = m * ends[1 - at]
+                    found[at, place * n + contact, first : first + m] = line
+        return found
 
     @cached_property
     def operator(self) -> ContactOperator:
@@ -123,7 +138,7 @@ class Stencils:
         """Shape of an array with one number for each ball: (L1, ..., Lp), or (balls, L1, ..., Lp) of several in the cell."""
         return self.shape if self.n_balls == 1 else (self.n_balls, *self.shape)
 
-    def by_ball(self, values: Array) -> Array:
+    def by_ball(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return an array of :attr:`ball_shape` with the ball of the cell as its first axis, (balls, L1, ..., Lp)."""
         return values.reshape(self.n_balls, *self.shape)
 
@@ -223,10 +238,59 @@ class Stencils:
 
     @cached_property
     def _green(self) -> NDArray[Any]:
-        """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; see :func:`green_function`."""
+        """The lattice Green's function: the inverse of C^T K C of equal contacts of stiffness one, in Fourier space.
+
+        Entries [a][b] over pairs of fields have the shape (L1, ..., Lp/2 + 1) of the waves of real arrays. They are zero for
+        translations of the whole array, and for other waves that deform no contact: where no ring of contacts is odd, balls
+        can turn like gears, each against its neighbours. With one ball in the cell entries are real: rotations are
+        multiplied by i. With several they are complex.
+        """
+        shape, fields, real, per_ball = self.shape, self.n_fields, self.n_balls == 1, self.motions.count
+        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
         ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
-        turns = self.motions.is_rotation.tolist() * self.n_balls
-        return green_function(self.coefficients, self.shifts, ratios, self.shape, turns, self.n_balls)
+        waves = (*shape[:-1], shape[-1] // 2 + 1)
+        entries = np.zeros((fields, fields, *waves), float if real else complex)
+        still = np.zeros((fields, fields))  # the projection on translations of the whole array
+        for field in np.flatnonzero(~is_rotation):
+            still[field, field % per_ball :: per_ball] = 1.0 / self.n_balls
+        step = max(1, _WAVES * shape[0] // max(1, math.prod(waves)))
+        for first in range(0, waves[0], step):
+            ticks = [np.arange(count) for count in waves]
+            ticks[0] = ticks[0][first : first + step]
+            half = np.meshgrid(*(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)), indexing="ij")
+            matrix = np.zeros((*half[0].shape, fields, fields), entries.dtype)
+            for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
+                angle: Any = sum(move * part for move, part in zip(self.shifts[row % self.n_contacts], half, strict=True))
+                own: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
+                if real:
+                    # the deformation about the middle of the contact, by a wave z exp(i q r) of each field, less a common
+                    # phase. A displacement deforms by 2i sin. A rotation deforms by 2 cos in a slip, which becomes 2i cos as
+                    # rotations are multiplied by i, and by 2i sin in twist and roll
+                    sine, cosine = 2.0 * np.sin(angle), 2.0 * np.cos(angle)
+                    factors = {a: head[a] * (cosine if is_rotation[a] and head[a] == -tail[a] else sine) for a in own}
+                else:  # by a wave exp(i q R), where R is the place of the cell
+                    ahead = np.exp(2.0j * angle)
+                    factors = {a: head[a] * ahead - tail[a] for a in own}
+                for a, one in factors.items():
+                    for b, other in factors.items():
+                        matrix[..., a, b] += ratio * np.conj(one) * other
+            if first == 0:
+                matrix[(0,) * len(shape)] += still
+            try:
+                inverse = np.linalg.inv(matrix)
+            except np.linalg.LinAlgError:  # not even rounding keeps it from being singular
+                inverse = np.full_like(matrix, np.inf)
+            sizes = [np.max(np.abs(one), axis=(-2, -1)) for one in (matrix, inverse)]
+            singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
+            if np.any(singular):
+                inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_SINGULAR, hermitian=True)
+            if first == 0:
+                inverse[(0,) * len(shape)] -= still
+            entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
+        if real:  # symmetric, to the last digit
+            for a, b in combinations(range(fields), 2):
+                entries[b, a] = entries[a, b]
+        return entries
 
     def preconditioner(self, stiffness: Array, product: ContactHessian | None = None) -> Callable[[Array], Array]:
         """Return an approximate inverse of C^T K C, as precise as the stiffness (rows, L1, ..., Lp), single or double.
@@ -265,17 +329,31 @@ class Stencils:
         return apply
 
     def green_preconditioner(self, precision: DTypeLike, stiffness: float) -> Callable[[Array], Array]:
-        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function."""
+        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function, in a given precision."""
+        from scipy import fft  # imported here: media that are not simulated do not need it
+
         # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
         # parts of waves, which follow each other in memory
-        real = self.n_balls == 1
+        real, shape, workers = self.n_balls == 1, self.shape, self.workers
         kind = np.result_type(precision, 1.0 if real else 1j)
         if kind not in self._found:
             green = self._green.astype(kind)
             self._found[kind] = np.repeat(green, 2, axis=-1) if real else green
-        turning = self.motions.turning if real else slice(0, 0)
-        blocks = list(self._blocks()) if len(self.shape) > 1 else [slice(None)]
-        return green_inverse(self._found[kind], kind.type(1.0 / stiffness), turning, self.shape, blocks, self.workers)
+        green, over, turning = self._found[kind], kind.type(1.0 / stiffness), self.motions.turning if real else slice(0, 0)
+        blocks = list(self._blocks()) if len(shape) > 1 else [slice(None)]
+        axes = tuple(range(1, len(shape) + 1))
+
+        def apply(force: Array) -> Array:
+            waves = fft.rfftn(force, axes=axes, workers=workers)
+            for rows in blocks:
+                parts = waves[:, rows]
+                parts[turning] *= -1j
+                plain = parts.view(green.dtype)
+                np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
+                parts[turning] *= 1j
+            return np.asarray(fft.irfftn(waves, shape, axes=axes, workers=workers, overwrite_x=True))
+
+        return apply
 
     def block_jacobi(self, stiffness: Array, damping: float = 1.0) -> Callable[[Array, Array], None]:
         """Return what adds to ``out`` the motion of each ball under a ``force`` while its neighbours are held.
@@ -346,34 +424,10 @@ def _find_basis(normal: Array) -> Array:
     return np.array(chosen)
 
 
-def _project_rows(kinds: Sequence[Row], ends: Sequence[tuple[int, int]], basis: Array, fields: int) -> Array:
-    """Return (2, rows, fields) coefficients of motions in the cell of ball j, then in that of ball i.
-
-    Each of the ``kinds`` comes for all contacts, between the balls ``ends`` (i, j) of the cell. Displacements are those
-    along the rows of the ``basis``.
-    """
-    p, n, found = len(basis), len(ends), np.zeros((2, len(kinds) * len(ends), fields))
-    for place, kind in enumerate(kinds):
-        m = np.shape(kind.head)[-1]
-        project = np.eye(m)
-        project[:p, :p] = np.linalg.inv(basis)
-        for at, coefficients in enumerate((kind.head @ project, kind.tail @ project)):
-            for contact, (ball, line) in enumerate(zip(ends, _round_coefficients(coefficients), strict=True)):
-                first = m * ball[1 - at]
-                found[at, place * n + contact, first : first + m] = line
-    return found
-
-
 def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
     """Return (shifts, cells) numbers of the cells that are each shift away from each cell of a periodic array."""
     cells = np.arange(math.prod(shape)).reshape(shape)
     return np.stack([np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts])
-
-
-def _round_coefficients(coefficients: Array) -> Array:
-    """Round coefficients that differ from whole numbers by rounding only."""
-    near = np.rint(coefficients)
-    return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)
 
 
 def _invert_symmetric(entries: Array, size: int) -> None:

@@ -48,7 +48,15 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray
 from granphon.array.geometry import Geometry, Place, ReducedLoad, find_boundary_force
-from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, FixedLimitSettings, LoadStep, Trial, is_balanced
+from granphon.array.load_step import (
+    FAST_LIMITS,
+    SLOW_LIMITS,
+    SMALL_FRICTION,
+    FixedLimitSettings,
+    LoadStep,
+    Trial,
+    is_balanced,
+)
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
 from granphon.base.errors import ConvergenceError, InputError, message
@@ -129,14 +137,15 @@ class Stepper:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(self, trail: Sequence[PressedArray], load: ReducedLoad, relaxes: bool = False) -> PressedArray:
+    def step(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
-        Where Newton's method fails, the state to which balls slowed by dashpots come is taken if it ``relaxes``. If there is
-        none, the load is reached in two steps or more.
+        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
+        # with small friction balls come into balance only in stages, which steps with dashpots do without
+        relaxes = not self.drag and self.law.friction_coefficient >= SMALL_FRICTION
         ahead, halvings, failed = [load], 0, 0
         while ahead:
             here = trail[-1]
@@ -232,8 +241,17 @@ class Stepper:
         return state.force
 
     def _extrapolate(self, trail: Sequence[PressedArray], load: ReducedLoad) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
-        weights = continue_polynomial([self.measure(one, load) for one in trail], find_aim(load))
+        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line.
+
+        After a turn of the path only the last state is used.
+        """
+        loads, aim, count = [self.measure(one, load) for one in trail[-3:]], find_aim(load), 1
+        steps = np.diff([*loads, aim])
+        for step in steps[-2::-1]:
+            if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
+                break
+            count += 1
+        weights = weigh_states(loads[-count:], aim)
         states = trail[-len(weights) :]
         balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
         y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
@@ -307,20 +325,6 @@ class Stepper:
                 at_rest = self.settle([here], load, 0.0, FAST_LIMITS)
                 return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
         return None
-
-
-def continue_polynomial(loads: Sequence[float], load: float) -> list[float]:
-    """Return weights of the states at the last ``loads``, at most three of them, for the state at the next ``load``.
-
-    There is one for each of the last states that are used. After a turn of the path only the last state is.
-    """
-    steps = np.diff([*loads[-3:], load])
-    count = 1
-    for step in steps[-2::-1]:
-        if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
-            break
-        count += 1
-    return weigh_states(loads[-count:], load)
 
 
 def goes_on(loads: Sequence[float]) -> bool:

@@ -23,8 +23,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.cages import Cages
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
-from granphon.array.geometry import ExactGeometry, ExactPlace, Inverse, ReducedLoad, find_boundary_force, find_lack
-from granphon.array.interior import approach
+from granphon.array.geometry import (
+    ADDED_STIFFNESS,
+    LOAD_TOLERANCE,
+    ExactGeometry,
+    ExactPlace,
+    Inverse,
+    ReducedLoad,
+    find_boundary_force,
+    find_lack,
+)
+from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.array.preconditioners import Preconditioners
@@ -36,8 +45,6 @@ Array = NDArray[np.float64]
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 _LEAST_TOLERANCE = 1e-13
-#: fraction by which a given mean force may be missed
-_LOAD_TOLERANCE = 1e-12
 #: Newton steps, at most
 _NEWTON_STEPS = 400
 #: trials of a line search, at most
@@ -53,8 +60,6 @@ _ROUNDS = 40
 _OF_LOOSE = 1e-3
 #: force left on a ball after a step, over the most before it, from which the ball counts as loose too
 _FAILED = 0.3
-#: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
-_CLOSE = 1e-9
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
 _ASIDE = 1e-2
 #: largest number of times that balls go down from a saddle
@@ -72,8 +77,6 @@ _FINER = 1e-2
 _FIRST_MOVE = 1e-2
 #: times that this displacement is doubled, at most
 _DOUBLINGS = 6
-#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
-_ADDED_STIFFNESS = 1e-2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,7 +262,7 @@ class _Path:
             if np.any(trial.on_balls[loose]):
                 least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
                 trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
-            if self._is_at_rest(trial):
+            if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state or self._saddles > _MOST_SADDLES:
                     return state
@@ -272,7 +275,7 @@ class _Path:
     def lead(self) -> TrueEquilibrium:
         """Return the state at rest, to which the interior-point method leads all balls together."""
         force = self._load.force if self._load.overlap is None else None
-        close = min(_CLOSE, _OF_RATIO * self._geometry.ratio)
+        close = min(CLOSE, _OF_RATIO * self._geometry.ratio)
         overlap, balls = self._overlap, self._start.balls
         found = approach(self._geometry, overlap, balls, force, self._inverses, False, close)
         if found:
@@ -280,13 +283,28 @@ class _Path:
             self.newton, self.conjugate = self.newton + newton, self.conjugate + conjugate
         trial = self._try(balls, overlap)
         for _ in range(_NEWTON_STEPS):
-            if self._is_at_rest(trial):
+            if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state:
                     return state
                 if self._saddles > _MOST_SADDLES:
                     break
-            trial = _search(self._geometry, trial, self._find_step(trial), self._load)
+            # go along the step as far as the energy falls fast
+            step = self._find_step(trial)
+            first = trial.slope(step)
+            low, high, at_low, length = 0.0, math.inf, first, 1.0
+            for _ in range(_LENGTHS):
+                there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+                slope = there.slope(step)
+                if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
+                    break
+                if slope > 0.0:
+                    high = length
+                    length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
+                else:
+                    low, at_low = length, slope
+                    length = 0.5 * (low + high)
+            trial = there
         raise ConvergenceError(
             message(
                 f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
@@ -298,14 +316,11 @@ class _Path:
     def _try(self, balls: Array, overlap: float) -> _Trial:
         return _Trial(self._geometry.place(balls, overlap), self._load)
 
-    def _is_at_rest(self, trial: _Trial) -> bool:
-        return trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE
-
     def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:
         """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
         distance = max(trial.left, trial.missed)
         stiffness = 1.5 * trial.root
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+        stiffness += ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
         weights = self._geometry.weigh(stiffness, trial.forces)
         inverse, most = self._inverses.choose(weights), self._inverses.find_patience(weights)
         for limit in (most, None) if most else (None,):
@@ -335,8 +350,16 @@ class _Path:
         stable = down is None or trial.bend(down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
             return trial, state
-        if not stable:
-            return _go_down(geometry, trial, down, self._load), None
+        if not stable:  # go down from the saddle, on the way along which the curvature is below zero
+            size = math.sqrt(float(np.max(np.sum(stencils.cartesian(down) ** 2, axis=0))))
+            way = math.copysign(_FIRST_MOVE / size, dot(trial.pull, down)) * down
+            there = trial
+            for doubling in range(_DOUBLINGS):
+                ahead = self._try(trial.balls + 2.0**doubling * way, trial.overlap)
+                if doubling and dot(ahead.pull, way) < 0.0:
+                    break
+                there = ahead
+            return there, None
         self._tolerance = max(_FINER * trial.left, _LEAST_TOLERANCE)
         return trial, None
 
@@ -361,44 +384,12 @@ class _Trial:
         self.on_balls = np.sqrt(squares) / self.force
         self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (closed.size * self.force)
 
+    def slope(self, step: Motion) -> float:
+        """Return the slope of the energy along a step."""
+        return float(-np.sum(self.pull * step.balls) - self.push * step.compression)
+
     def bend(self, way: Array) -> float:
         """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""
         stiffness, none = 1.5 * self.root, np.zeros((0, *self.root.shape))
         change, _ = self.place.respond(Motion(way, 0.0), lambda loss, slip: (stiffness * loss, slip), self.forces, none)
         return dot(change, way)
-
-
-def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: ReducedLoad) -> _Trial:
-    """Return the state after a step, as far along it as the energy falls fast."""
-
-    def go(length: float) -> tuple[_Trial, float]:
-        place = geometry.place(trial.balls + length * step.balls, trial.overlap + length * step.compression)
-        there = _Trial(place, load)
-        return there, -float(np.sum(there.pull * step.balls)) - there.push * step.compression
-
-    first = -float(np.sum(trial.pull * step.balls)) - trial.push * step.compression
-    low, high, at_low, length = 0.0, math.inf, first, 1.0
-    for _ in range(_LENGTHS):
-        there, slope = go(length)
-        if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
-            break
-        if slope > 0.0:
-            high = length
-            length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
-        else:
-            low, at_low = length, slope
-            length = 0.5 * (low + high)
-    return there
-
-
-def _go_down(geometry: ExactGeometry, trial: _Trial, way: Array, load: ReducedLoad) -> _Trial:
-    """Return a state below a saddle, on a ``way`` along which the curvature there is below zero."""
-    size = math.sqrt(float(np.max(np.sum(geometry.stencils.cartesian(way) ** 2, axis=0))))
-    way = math.copysign(_FIRST_MOVE / size, dot(trial.pull, way)) * way
-    there = trial
-    for doubling in range(_DOUBLINGS):
-        ahead = _Trial(geometry.place(trial.balls + 2.0**doubling * way, trial.overlap), load)
-        if doubling and dot(ahead.pull, way) < 0.0:
-            break
-        there = ahead
-    return there

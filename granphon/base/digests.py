@@ -88,17 +88,13 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     except SchemaError:
         raise
     except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
+        why = "A part of it has another form: a number, a list or a block of keys stands where another of them is needed"
+        if isinstance(error, GranphonError):
+            why = str(error)
+        elif isinstance(error, KeyError):
+            why = f"It lacks the key {show(error.args[0])}"
         what = f"{path} is not a {kind} written by granphon"
-        raise InputError(message(what, _explain_form(error), "Make it again, or give the right file")) from None
-
-
-def _explain_form(error: Exception) -> str:
-    """Say in words why a file has not the form that was expected, whatever the error that this has led to."""
-    if isinstance(error, GranphonError):
-        return str(error)
-    if isinstance(error, KeyError):
-        return f"It lacks the key {show(error.args[0])}"
-    return "A part of it has another form: a number, a list or a block of keys stands where another of them is needed"
+        raise InputError(message(what, why, "Make it again, or give the right file")) from None
 
 
 def digest(data: Any) -> str:

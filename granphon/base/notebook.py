@@ -46,24 +46,19 @@ def describe_value(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _describe_array(value)
     if isinstance(value, list | tuple):
-        return _describe_sequence(value)
+        if len(value) > _MOST_ENTRIES and all(isinstance(one, int | float) for one in value):
+            return _describe_array(np.asarray(value))
+        if len(value) > 1 and all(is_dataclass(one) for one in value):
+            return f"{len(value)} of {type(value[0]).__name__}"
+        words = [describe_value(one) for one in value[:_MOST_ENTRIES]]
+        more = f", ... ({len(value)} in all)" if len(value) > _MOST_ENTRIES else ""
+        return ("; " if any(", " in word for word in words) else ", ").join(words) + more or "none"
     if isinstance(value, Mapping):
         return ", ".join(f"{name}: {describe_value(one)}" for name, one in list(value.items())[:_MOST_ENTRIES])
     if is_dataclass(value):
         name = getattr(value, "name", None)
         return name.replace("_", " ") if isinstance(name, str) else type(value).__name__
     return brief(value, _MOST_LETTERS)
-
-
-def _describe_sequence(values: list[Any] | tuple[Any, ...]) -> str:
-    if len(values) > _MOST_ENTRIES and all(isinstance(one, int | float) for one in values):
-        return _describe_array(np.asarray(values))
-    if len(values) > 1 and all(is_dataclass(one) for one in values):
-        return f"{len(values)} of {type(values[0]).__name__}"
-    words = [describe_value(one) for one in values[:_MOST_ENTRIES]]
-    more = f", ... ({len(values)} in all)" if len(values) > _MOST_ENTRIES else ""
-    text = ("; " if any(", " in word for word in words) else ", ").join(words) + more
-    return text or "none"
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:

@@ -11,11 +11,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Protocol
-
-if TYPE_CHECKING:
-    from rich.progress import Progress as Drawing
-    from rich.progress import TaskID
+from types import SimpleNamespace
+from typing import Any, Protocol
 
 
 class Step(Protocol):
@@ -59,12 +56,9 @@ class Terminal:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
 
-    def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a step."""
-        return self._draw(label, total)
-
     @contextmanager
-    def _draw(self, label: str, total: float | None) -> Iterator[Step]:
+    def step(self, label: str, total: float | None = None) -> Iterator[Step]:
+        """Begin a step."""
         from rich.console import Console
         from rich.progress import (
             BarColumn,
@@ -85,15 +79,9 @@ class Terminal:
         with Progress(
             *columns, console=Console(stderr=True), transient=True, get_time=self._clock, speed_estimate_period=math.inf
         ) as drawing:
-            yield _DrawnStep(drawing, drawing.add_task(label, total=total))
-
-
-class _DrawnStep:
-    def __init__(self, drawing: Drawing, task: TaskID) -> None:
-        self._drawing, self._task = drawing, task
-
-    def advance(self, amount: float = 1.0) -> None:
-        self._drawing.advance(self._task, amount)
+            task = drawing.add_task(label, total=total)
+            step: Any = SimpleNamespace(advance=lambda amount=1.0: drawing.advance(task, amount))
+            yield step
 
 
 def on_stderr(quiet: bool = False) -> Progress:

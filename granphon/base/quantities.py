@@ -112,40 +112,6 @@ class Quantity:
             meant = closest(unit, self.common.split(", ")) if unit[0].isalpha() or unit[0] == "%" else None
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
             raise Refused(f"{show(value)}, {wrong}", self.allowed, mend) from None
-        return self._convert(number, factor, value)
-
-    def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
-        """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last bit.
-
-        Works for units that are a power of ten times the SI unit: shifting the decimal point of the text leaves it exact.
-        Returns None if the unit is another one, or if a number must be read by :meth:`read`.
-        """
-        import numpy as np  # here alone, so that the command's help needs no numpy
-
-        try:
-            power = _find_power_of_ten(_find_factor(self, unit))
-        except ValueError:
-            return None
-        if power is None or not all(map(_NUMBER.fullmatch, numbers)) or max(map(len, numbers)) + len(unit) >= _MOST_SIGNS:
-            return None
-        values = np.array([float(number) if not power else float(_shift_point(number, power)) for number in numbers])
-        size = np.abs(values)
-        # left to :meth:`read`: zeros, numbers near the ends of the floating range, and negative numbers that may be refused
-        plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
-        return values if plain else None
-
-    def measures(self, unit: str) -> bool:
-        """Whether ``unit`` is one of this kind of quantity."""
-        try:
-            return bool(_find_factor(self, unit))
-        except ValueError:
-            return False
-
-    def write(self, value: float) -> str:
-        """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
-        return f"{value!r} {self.unit}"
-
-    def _convert(self, number: str, factor: Fraction, value: str) -> float:
         rough = float(number)
         if not math.isfinite(rough):
             raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
@@ -163,17 +129,37 @@ class Quantity:
             raise Refused(f"{show(value)}, which is too small or too large for double precision", self.allowed)
         return exact
 
+    def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
+        """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last bit.
 
-def _find_power_of_ten(factor: Fraction) -> int | None:
-    """n if the factor is 10^n; else None."""
-    power = len(str(factor.numerator)) - len(str(factor.denominator))
-    return power if factor == Fraction(10) ** power else None
+        Works for units that are a power of ten times the SI unit: shifting the decimal point of the text leaves it exact.
+        Returns None if the unit is another one, or if a number must be read by :meth:`read`.
+        """
+        import numpy as np  # here alone, so that the command's help needs no numpy
 
+        if not self.measures(unit) or not all(map(_NUMBER.fullmatch, numbers)):
+            return None
+        factor = _find_factor(self, unit)
+        power = len(str(factor.numerator)) - len(str(factor.denominator))
+        if factor != Fraction(10) ** power or max(map(len, numbers)) + len(unit) >= _MOST_SIGNS:
+            return None
+        parts = (number.lower().partition("e") for number in numbers)
+        values = np.array([float(f"{digits}e{int(exponent or 0) + power}") for digits, _, exponent in parts])
+        size = np.abs(values)
+        # left to :meth:`read`: zeros, numbers near the ends of the floating range, and negative numbers that may be refused
+        plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
+        return values if plain else None
 
-def _shift_point(number: str, power: int) -> str:
-    """The text of a number times 10^power."""
-    digits, _, exponent = number.lower().partition("e")
-    return f"{digits}e{int(exponent or 0) + power}"
+    def measures(self, unit: str) -> bool:
+        """Whether ``unit`` is one of this kind of quantity."""
+        try:
+            return bool(_find_factor(self, unit))
+        except ValueError:
+            return False
+
+    def write(self, value: float) -> str:
+        """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
+        return f"{value!r} {self.unit}"
 
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit

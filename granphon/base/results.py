@@ -64,8 +64,15 @@ class Result:
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
-        return all(_are_equal(a, b) for a, b in pairs)
+        for a, b in ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare):
+            if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+                # nan, which stands for "not known", equals nan
+                nan = all(isinstance(one, np.ndarray) and one.dtype.kind in "fc" for one in (a, b))
+                if not np.array_equal(a, b, equal_nan=nan):
+                    return False
+            elif a != b:
+                return False
+        return True
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built by the constructor, so that the arrays of copies and pickles are read-only too
@@ -178,14 +185,6 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
     return True
 
 
-def _are_equal(a: Any, b: Any) -> bool:
-    """Whether two fields are equal; in arrays nan, which stands for "not known", equals nan."""
-    if not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray):
-        return bool(a == b)
-    nan = isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.dtype.kind in "fc" and b.dtype.kind in "fc"
-    return bool(np.array_equal(a, b, equal_nan=nan))
-
-
 def plain(value: Any) -> Any:
     """A value as plain data: a dataclass becomes a mapping of its class and fields, an array a list.
 
@@ -237,7 +236,25 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
         if isinstance(value, Mapping) and _read_class_name(value) == wanted:
-            return _restore_fields(value, hint)
+            build: Any = hint
+            if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
+                return build.from_dict(value)  # a field written by its own to_dict
+            known, hints, what = [f.name for f in fields(build)], get_type_hints(build), f"the {wanted} data"
+            if missing := [name for name in known if name not in value]:
+                raise InputError(message(f"{what} lack {', '.join(missing)}"))
+            if unknown := [show(name) for name in value if name not in (*known, "class")]:
+                raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
+            given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
+            try:
+                made = build(**given)
+                if isinstance(made, Result):
+                    made._check()
+            except InputError:
+                raise
+            except (GranphonError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+                why = str(error) if isinstance(error, GranphonError) else f"{type(error).__name__}: {error}"
+                raise InputError(message(f"no {wanted} can be made from {what}", why)) from None
+            return made
     elif hint is Any or hint in _SCALARS:
         # a whole number is a float too, and a truth value is no number
         allowed = {Any: (*_SCALARS, np.generic), float: (float, int)}.get(hint, (hint,))
@@ -253,28 +270,6 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
     """The class name in plain data; "" if there is none, or if it is not a text."""
     name = data.get("class")
     return name if isinstance(name, str) else ""
-
-
-def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
-    if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
-        return build.from_dict(value)  # a field written by its own to_dict
-    known, hints = [f.name for f in fields(build)], get_type_hints(build)
-    what = f"the {build.__name__} data"
-    if missing := [name for name in known if name not in value]:
-        raise InputError(message(f"{what} lack {', '.join(missing)}"))
-    if unknown := [show(name) for name in value if name not in (*known, "class")]:
-        raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
-    given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known}
-    try:
-        made = build(**given)
-        if isinstance(made, Result):
-            made._check()
-    except InputError:
-        raise
-    except (GranphonError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        why = str(error) if isinstance(error, GranphonError) else f"{type(error).__name__}: {error}"
-        raise InputError(message(f"no {build.__name__} can be made from {what}", why)) from None
-    return made
 
 
 def _make_array(value: Any, dtype: Any) -> np.ndarray[Any, Any] | None:

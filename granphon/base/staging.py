@@ -19,7 +19,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -65,23 +65,17 @@ def has_locks(descriptor: int) -> bool:
 # -- the list of files -----------------------------------------------------------------------------------------------
 
 
-def read_written_files(folder: StrPath) -> dict[str, str]:
-    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list."""
-    return _read_list(Path(folder), "files")
+def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
+    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list.
 
-
-def _read_list(folder: Path, what: str) -> dict[str, str]:
-    """Return names and digests from the list in a folder: "files" that granphon wrote, or "old" ones that are to leave."""
+    With ``what`` = "old", of each file that is to leave the folder. Only bare names count: others lead into another folder.
+    """
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        data = json.loads(read_bytes(folder / LIST))
+        data = json.loads(read_bytes(Path(folder) / LIST))
         if data["schema"] == LIST_SCHEMA:
-            return {name: digest for name, digest in data[what].items() if isinstance(digest, str) and _is_name(name)}
+            found = {name: digest for name, digest in data[what].items() if isinstance(digest, str)}
+            return {name: found[name] for name in found if Path(name).name == name and name not in ("", ".", "..")}
     return {}
-
-
-def _is_name(name: str) -> bool:
-    """Tell whether ``name`` is a bare file name, which cannot lead into another folder."""
-    return Path(name).name == name and name not in ("", ".", "..")
 
 
 def _digest_file(path: Path) -> str:
@@ -183,7 +177,18 @@ class ResultFiles:
                 place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield place
                 self._check()
-                self._write_list(place, optional)
+                # beside the new files comes the list of the folder as it is to be; what has a known text may be absent there
+                written = read_written_files(target)
+                made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
+                there = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
+                old = {name: written.get(name) or _digest_file(target / name) for name in there}
+                files = {name: digest for name, digest in written.items() if name not in old}
+                files |= {name: _digest_file(place / name) for name in made}
+                lists = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
+                (place / LIST).write_text(lists, encoding="utf-8")
+                for name in (*made, LIST):
+                    with open(place / name, "r+b") as stream:
+                        os.fsync(stream.fileno())
                 os.rename(place, target / NEW)  # from here on the result counts
                 _finish(target)
             except BaseException:
@@ -192,22 +197,6 @@ class ResultFiles:
             finally:
                 if place is not None:
                     shutil.rmtree(place, ignore_errors=True)
-
-    def _write_list(self, place: Path, optional: Sequence[str]) -> None:
-        """Force the new files to the disk, and write beside them the list of the folder as it is to be."""
-        target, written = self._target, read_written_files(self.folder)
-        made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
-        there = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
-        # what has a known text need not be in the list
-        old = {name: written.get(name) or _digest_file(target / name) for name in there}
-        files = {name: digest for name, digest in written.items() if name not in old}
-        files |= {name: _digest_file(place / name) for name in made}
-        (place / LIST).write_text(
-            json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1), encoding="utf-8"
-        )
-        for name in (*made, LIST):
-            with open(place / name, "r+b") as stream:
-                os.fsync(stream.fileno())
 
     def _check(self) -> None:
         target = self._target
@@ -219,17 +208,17 @@ class ResultFiles:
                 nearest = nearest.parent
             if not nearest.is_dir():
                 raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
-            self._require_replaceable()
+            self._require_replaceable(read_written_files(target))
             if not os.access(nearest, os.W_OK | os.X_OK):
                 what = f"there is no permission to write to {_name(nearest)}"
                 raise OutputError(message(what, mend="Choose another folder"))
 
-    def _require_replaceable(self) -> None:
-        target, written = self._target, read_written_files(self.folder)
+    def _require_replaceable(self, written: Mapping[str, str]) -> None:
+        """Raise if a file may not be replaced or removed; ``written`` are those that granphon wrote."""
+        target = self._target
         there = [name for name in self.names if os.path.lexists(target / name)]
-        for name in there:
-            if (target / name).is_dir():
-                raise OutputError(message(f"{target / name} is a folder", "A file of that name is to be written"))
+        if folders := [name for name in there if (target / name).is_dir()]:
+            raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
         known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
         kept = "Such a file is never replaced, not even with --force"
         for name in there:
@@ -273,7 +262,7 @@ def _finish(target: Path, alone: bool = False) -> None:
     """Move the files of a result that counts to their places; if no run is under way, remove what killed ones have left."""
     new = target / NEW
     if new.is_dir() and not new.is_symlink():
-        files, old = read_written_files(new), _read_list(new, "old")
+        files, old = read_written_files(new), read_written_files(new, "old")
         waiting = [name for name in files if (new / name).is_file() and not (new / name).is_symlink()]
         for name, digest in old.items():
             if (name in waiting or name not in files) and _is_written(target / name, digest):
@@ -302,21 +291,15 @@ def _explaining(target: Path) -> Iterator[None]:
     """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`."""
     try:
         yield
+    except GranphonError:
+        raise
     except OSError as error:
-        raise _explain_failure(target, error) from None
-
-
-def _explain_failure(target: Path, error: OSError) -> GranphonError:
-    if isinstance(error, GranphonError):
-        return error
-    mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-    what, why = f"{_name(target)} cannot be written: {error.strerror or error}", "It is left as it was"
-    if os.path.isdir(target / NEW):
-        why, mend = (
-            f"The files of the new result are in {NEW} there",
-            "Any command that uses the folder moves them to their places",
-        )
-    return OutputError(message(what, why, mend))
+        mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
+        what, why = f"{_name(target)} cannot be written: {error.strerror or error}", "It is left as it was"
+        if os.path.isdir(target / NEW):
+            why = f"The files of the new result are in {NEW} there"
+            mend = "Any command that uses the folder moves them to their places"
+        raise OutputError(message(what, why, mend)) from None
 
 
 # -- the lock --------------------------------------------------------------------------------------------------------
@@ -373,20 +356,21 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
     """
     target = Path(path)
     place = target.with_name(f".granphon-{uuid4().hex}")
-    try:
-        if target.is_dir():
-            raise OutputError(message(f"{target} is a folder", "A file of that name is to be written"))
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with open(place, "xb") as stream:
-            stream.writelines(parts)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(place, target)
-    except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise _explain_failure(target, error if isinstance(error, OSError) else OSError(str(error))) from None
-    finally:
-        with suppress(OSError, ValueError):
-            place.unlink()
+    with _explaining(target):
+        try:
+            if target.is_dir():
+                raise OutputError(message(f"{target} is a folder", "A file of that name is to be written"))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with open(place, "xb") as stream:
+                stream.writelines(parts)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(place, target)
+        except ValueError as error:  # a null character in the name
+            raise OSError(str(error)) from None
+        finally:
+            with suppress(OSError, ValueError):
+                place.unlink()
 
 
 def write_text(path: StrPath, text: str) -> None:

@@ -100,8 +100,21 @@ class Table:
                 f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
             )
             raise InputError(message(what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"))
-        lines, texts = tuple(n for n, _ in below), [line for _, line in below]
-        return cls(name, headings, lines, _read_columns(name, lines, texts, mark, len(titles)), quoted)
+        columns: tuple[tuple[str, ...], ...]
+        count = len(titles)
+        if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for _, text in below):
+            columns = (tuple(text.strip() for _, text in below),)  # saves a tuple for each row of a long list
+        else:
+            rows = []
+            for n, text in below:
+                cells = _split_cells(f"{name}:{n}", text, mark)
+                # a short line is filled with empty cells; of a long one, only empty cells are dropped
+                if any(cells[count:]):
+                    what = f"{name}:{n}: found {counted(len(cells), 'cell')} below {counted(count, 'heading')}"
+                    raise InputError(message(what, mend=f"{_POINT}, and separate all columns by the same character"))
+                rows.append(cells[:count] + ("",) * (count - len(cells)))
+            columns = tuple(zip(*rows, strict=True)) or ((),) * count
+        return cls(name, headings, tuple(n for n, _ in below), columns, quoted)
 
     def __contains__(self, name: str) -> bool:
         return self._find_places(name) != []
@@ -121,10 +134,8 @@ class Table:
             mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
             one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
             several = f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
-            counted = f"It has {one if len(names) == 1 else several}"
-            raise InputError(
-                message(what, f"Its columns are {', '.join(map(repr, names))}" if self.quoted else counted, mend)
-            )
+            why = f"Its columns are {', '.join(map(repr, names))}" if self.quoted else ""
+            raise InputError(message(what, why or f"It has {one if len(names) == 1 else several}", mend))
         if not self.lines:
             raise InputError(message(f"{self.name} has no rows below its headings"))
         place = places[0]
@@ -135,15 +146,23 @@ class Table:
         quoted = self.quoted or kind.measures(self.headings[place].unit)
         if not quoted and not kind.measures(unit):
             what = f"{self.name}: the column {wanted.name!r} has a unit that is not a unit of {kind.name}"
-            raise InputError(
-                message(what, mend=f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this kind")
-            )
+            mend = f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this kind"
+            raise InputError(message(what, mend=mend))
         cells = self.columns[place]
         values = kind.read_many(cells, unit)
         if values is None:  # read one by one, so that the error names the first bad cell
-            values = np.array(
-                [self._read_value(n, cell, unit, heading, kind, quoted) for n, cell in zip(self.lines, cells, strict=True)]
-            )
+            each = []
+            for line, cell in zip(self.lines, cells, strict=True):
+                where = f"{self.name}:{line}: {heading}"
+                if not re.fullmatch(NUMBER, cell):
+                    found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
+                    mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
+                    raise InputError(message(f"{where}: {found}, where a number is needed", mend=mend))
+                try:
+                    each.append(kind.read(f"{cell} {unit}"))
+                except ValueError as refused:
+                    raise InputError(f"{where}: {refused}") from None
+            values = np.array(each)
         return values
 
     def numbers(self, name: str) -> NDArray[np.float64]:
@@ -152,12 +171,13 @@ class Table:
         Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a cell is not a number.
         """
         for place in self._find_places(name):
+            values: list[float] = []  # after an error it holds what was read before
             try:
-                return np.array([plain_float(cell) for cell in self.columns[place]])
+                values.extend(map(plain_float, self.columns[place]))
             except ValueError:
-                cells = zip(self.lines, self.columns[place], strict=True)
-                line, cell = next((line, cell) for line, cell in cells if not _is_float(cell))
+                line, cell = self.lines[len(values)], self.columns[place][len(values)]
                 raise InputError(f"line {line}, {name}: found {brief(cell, 40)}, where a number is needed") from None
+            return np.array(values)
         raise KeyError(name)
 
     def unit(self, name: str) -> str:
@@ -171,30 +191,12 @@ class Table:
         wanted = Heading.parse(name).key
         return [place for place, heading in enumerate(self.headings) if heading.key == wanted]
 
-    def _read_value(self, line: int, cell: str, unit: str, column: str, kind: Quantity, quoted: bool) -> float:
-        if not re.fullmatch(NUMBER, cell):
-            found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
-            mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
-            raise InputError(message(f"{self.name}:{line}: {column}: {found}, where a number is needed", mend=mend))
-        try:
-            return kind.read(f"{cell} {unit}")
-        except ValueError as refused:
-            raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
-
 
 def plain_float(cell: str) -> float:
     """The number in a cell, nan and inf too; ValueError for what only Python takes for one: 1_0, digits of other scripts."""
     if "_" in cell or not cell.isascii():
         raise ValueError(cell)
     return float(cell)
-
-
-def _is_float(cell: str) -> bool:
-    try:
-        plain_float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def write_table(
@@ -214,19 +216,6 @@ def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]],
     return stream.getvalue()
 
 
-def _read_columns(
-    name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int
-) -> tuple[tuple[str, ...], ...]:
-    """The cells below each of ``count`` headings; errors name the line."""
-    if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for text in texts):
-        return (tuple(map(str.strip, texts)),)  # saves a tuple for each row of a long list
-    rows = [
-        _fit_cells(f"{name}:{n}", _split_cells(f"{name}:{n}", text, mark), count)
-        for n, text in zip(lines, texts, strict=True)
-    ]
-    return tuple(zip(*rows, strict=True)) or ((),) * count
-
-
 def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
     if '"' not in line and len(line) < _LONGEST_CELL:  # gives the same cells as csv, at a tenth of the cost
         return tuple(cell.strip() for cell in line.split(mark))
@@ -234,16 +223,3 @@ def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
     except csv.Error as error:
         raise InputError(message(f"{where} cannot be split into columns", str(error))) from None
-
-
-def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Make as many cells as headings: fill a short line with empty cells, and drop the excess cells of a long one.
-
-    Raises :class:`~granphon.base.errors.InputError` if one of the excess cells is not empty.
-    """
-    if len(cells) == count:
-        return cells
-    if any(cells[count:]):
-        what = f"{where}: found {counted(len(cells), 'cell')} below {counted(count, 'heading')}"
-        raise InputError(message(what, mend=f"{_POINT}, and separate all columns by the same character"))
-    return cells[:count] + ("",) * (count - len(cells))

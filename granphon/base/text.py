@@ -30,6 +30,8 @@ from granphon.base.reading import decode, read_bytes, read_utf8
 MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read
 MAX_DEPTH = 12
+#: what is found and allowed where the nesting is deeper
+_TOO_DEEP = f"found more than {MAX_DEPTH} levels of nesting", "plain data"
 #: the most digits of a whole number: as many as Python converts whatever its own limit is, and more than a float has
 _MOST_DIGITS = 640
 
@@ -151,7 +153,18 @@ class _Builder:
         except InputError:
             raise
         except Exception as error:  # of the parser, which is due to the text
-            raise self._explain_broken(error) from None
+            mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+            if mark is not None:
+                self.at = mark.line + 1
+            self.path.clear()
+            problem = " ".join(str(getattr(error, "problem", None) or error).split())
+            if "nesting depth" in problem:  # libyaml has a limit of its own, and reads ahead of the events
+                raise self._make_error(*_TOO_DEEP) from None
+            line = "".join(self.text.splitlines()[self.at - 1 : self.at]) if self.at else ""
+            mend = "Indent with spaces" if "\t" in line[: len(line) - len(line.lstrip())] else ""
+            if "mapping values are not allowed" in problem:
+                mend = "Check the indentation, and that each key has a line of its own"
+            raise self._make_error(f"broken YAML, {problem}", "YAML", mend) from None
         return data
 
     def _read_event(self) -> Any:
@@ -164,23 +177,6 @@ class _Builder:
         where = f"{self.name}:{line}: " + (f"{key}: " if key.isprintable() and key else "")
         return InputError(message(f"{where}{found}; allowed: {allowed}", mend=mend))
 
-    def _explain_broken(self, error: Exception) -> InputError:
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        if mark is not None:
-            self.at = mark.line + 1
-        self.path.clear()
-        problem = " ".join(str(getattr(error, "problem", None) or error).split())
-        if "nesting depth" in problem:  # libyaml has a limit of its own, and reads ahead of the events
-            return self._refuse_depth()
-        line = "".join(self.text.splitlines()[self.at - 1 : self.at]) if self.at else ""
-        mend = "Indent with spaces" if "\t" in line[: len(line) - len(line.lstrip())] else ""
-        if "mapping values are not allowed" in problem:
-            mend = "Check the indentation, and that each key has a line of its own"
-        return self._make_error(f"broken YAML, {problem}", "YAML", mend)
-
-    def _refuse_depth(self) -> InputError:
-        return self._make_error(f"found more than {MAX_DEPTH} levels of nesting", "plain data")
-
     def _build_value(self, event: Any) -> Any:
         scalar, sequence, sequence_end, mapping_end = self.kinds
         self._check_node(event)
@@ -191,7 +187,7 @@ class _Builder:
                 raise self._make_error(f"found {refused.found}", refused.allowed) from None
         path = self.path
         if len(path) >= MAX_DEPTH:
-            raise self._refuse_depth()
+            raise self._make_error(*_TOO_DEEP)
         if type(event) is sequence:
             items: list[Any] = []
             while type(event := self._read_event()) is not sequence_end:

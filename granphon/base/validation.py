@@ -63,17 +63,12 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
     read = {key: read_inside(key, rules[key], item) for key, item in value.items()}
     for key in needed:
         if key not in value:
-            raise Refused("nothing, and it has no default", _describe_allowed(rules[key]), path=(key,))
+            try:  # the rule refuses None, and says what it allows
+                rules[key](None)
+            except Refused as refused:
+                raise Refused("nothing, and it has no default", refused.allowed, path=(key,)) from None
+            raise Refused("nothing, and it has no default", "a value", path=(key,))
     return read
-
-
-def _describe_allowed(rule: Rule) -> str:
-    """Find the words for what a rule allows: give it None, which it refuses, and read the refusal."""
-    try:
-        rule(None)
-    except Refused as refused:
-        return refused.allowed
-    return "a value"
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
@@ -136,6 +131,8 @@ def real_number(value: Any) -> float:
     Real numbers are those of Python and NumPy, fractions and decimals, and arrays without dimensions that hold one. Texts
     and truth values do not count, though ``float`` takes them.
     """
+    if type(value) is float:
+        return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if not _is_real(value):
@@ -227,28 +224,32 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
     dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a float; lists
     of different lengths; and lists that contain themselves.
     """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
+    why = mend = ""
     if _is_masked(values):
-        raise _make_refusal(values, "which has masked entries", "Leave them out, as .compressed() does.")
-    try:
-        given = np.asarray(values)
-    except (TypeError, ValueError):  # lists of different lengths
-        raise _make_refusal(values) from None
-    if given.dtype.kind == "O":  # Python's integers of more than 64 bits, fractions, decimals
-        if not all(map(_is_real, given.ravel().tolist())):
-            raise _make_refusal(values, "which is complex" if any(map(_is_complex, given.ravel())) else "")
+        why, mend = "which has masked entries", "Leave them out, as .compressed() does."
+    else:
         try:
-            return given.astype(np.float64)
+            given = np.asarray(values)
+            kind, each = given.dtype.kind, given.ravel().tolist() if given.dtype.kind == "O" else []
+            # objects are Python's integers of more than 64 bits, fractions, decimals
+            if kind in "iuf" or (kind == "O" and all(map(_is_real, each))):
+                with np.errstate(over="ignore"):
+                    array = np.asarray(given, np.float64)
+                if given.dtype.itemsize <= array.dtype.itemsize or not np.any(np.isinf(array) & np.isfinite(given)):
+                    return array
+                why = "which is too large"
+            elif kind == "c" or any(isinstance(one, complex | np.complexfloating) for one in each):
+                why = "which is complex"
         except OverflowError:
-            raise _make_refusal(values, "which is too large") from None
-        except ValueError:  # a signalling nan among decimals
-            raise _make_refusal(values) from None
-    if given.dtype.kind not in "iuf":
-        raise _make_refusal(values, "which is complex" if given.dtype.kind == "c" else "")
-    with np.errstate(over="ignore"):
-        array = np.asarray(given, np.float64)
-    if given.dtype.itemsize > array.dtype.itemsize and np.any(np.isinf(array) & np.isfinite(given)):
-        raise _make_refusal(values, "which is too large")
-    return array
+            why = "which is too large"
+        except (TypeError, ValueError):  # lists of different lengths, or a signalling nan among decimals
+            pass
+    found = brief(values)
+    found += f", {why}" if why and not found.endswith("too large") else ""
+    large = "too large" in found
+    raise Refused(found, "what double precision can hold" if large else "a real number or an array of them", mend)
 
 
 def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
@@ -270,19 +271,13 @@ def number_list(values: Any) -> tuple[float, ...]:
     return tuple(array.tolist())
 
 
-def _make_refusal(values: Any, why: str = "", mend: str = "") -> Refused:
-    found = brief(values)
-    said = f"{found}, {why}" if why and not found.endswith("too large") else found
-    large = "too large" in said
-    return Refused(said, "what double precision can hold" if large else "a real number or an array of them", mend)
+def finite_number_list(values: Any, unit: str = "", low: str = "") -> tuple[float, ...]:
+    """One finite number or a list of them, as plain floats; see :func:`finite_numbers`."""
+    return number_list(finite_numbers(values, unit, low))
 
 
 def _is_real(value: Any) -> bool:
     return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
-
-
-def _is_complex(value: Any) -> bool:
-    return isinstance(value, complex | np.complexfloating)
 
 
 def _is_masked(values: Any, depth: int = 0) -> bool:

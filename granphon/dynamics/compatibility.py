@@ -103,7 +103,7 @@ class Compatibility:
             each = finite_array("torsion", torsion, low="zero or above") if torsion.size else torsion
             self.torsion = read_only(np.broadcast_to(each, len(contacts)))
         else:
-            self.torsion = not_negative("torsion", torsion)  # type: ignore[arg-type]
+            self.torsion = not_negative("torsion", torsion)
         self.named_motions = motions
         self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))

@@ -128,7 +128,7 @@ class Phonons:
         periodic = np.asarray(self.atoms.pbc)[:p]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
-            dim = grid_numbers("dim", given, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p)
+            dim = grid_numbers("dim", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p)
             if np.any((np.array(dim) > 1) & ~periodic):
                 raise InputError(message(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it"))
             if not touch_once_at_most(cell, dim, contact):
@@ -276,7 +276,7 @@ class Phonons:
         """
         p = self._periods
         given, example = _MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
-        numbers = grid_numbers("mesh", given, LARGEST_COUNT, example, p)
+        numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)

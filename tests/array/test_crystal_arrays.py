@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import granphon as gp
-from granphon.array import equilibrium as module
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Motion, Stencils, dot
@@ -212,28 +211,6 @@ def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
     np.testing.assert_allclose(np.sort(state.forces.ravel()), np.sort(h**1.5), rtol=0.0, atol=1e-5 * state.force)
     at_force = equilibrate(x, ReducedLoad(force=state.force), Stencils(shape, lattice=lattice))
     assert at_force.overlap == pytest.approx(overlap, rel=1e-9)
-
-
-def test_single_precision_serves_until_it_spoils_a_step(monkeypatch):
-    shape, solve, seen = (6, 6, 6), module.solve_for_motion, []
-
-    def spoil(product, force, *arguments):
-        step, taken = solve(product, force, *arguments)
-        seen.append(force.balls.dtype)
-        factor = 100.0 if len(seen) == 3 else 1.0
-        return Motion(factor * step.balls, factor * step.compression), taken
-
-    x = draw(FCC, shape)
-    for load in (ReducedLoad(overlap=0.3), ReducedLoad(force=0.2)):
-        plain = equilibrate(x, load, Stencils(shape, lattice=FCC))
-        with monkeypatch.context() as changed:
-            changed.setattr(module, "solve_for_motion", spoil)
-            seen.clear()
-            state = equilibrate(x, load, Stencils(shape, lattice=FCC))
-        assert seen[:3] == [np.float32] * 3
-        assert set(seen[3:]) == {np.dtype(float)}
-        assert state.residual <= 1e-10
-        np.testing.assert_allclose(state.forces, plain.forces, rtol=0.0, atol=3e-10 * state.force)
 
 
 @every_standing

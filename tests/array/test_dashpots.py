@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 
-from granphon.array.friction import Contacts, FrictionLaw, PressedArray
 from granphon.array.geometry import ReducedLoad
-from granphon.array.stepper import DRAG, Stepper
 from granphon.balls.lattices import FCC, TRIANGULAR
 from tests.array.test_friction_history import history, ramp, run
 
@@ -34,7 +31,7 @@ def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, s
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]
         load = ReducedLoad(force=here.force * (1.0 + 2.0 * step)) if by_force else ReducedLoad(overlap=here.overlap + step)
-        direct, slow = paths.step(trail, load), paths.stepper.relax_overdamped(trail, load)
+        direct, slow = paths.stepper.step(trail, load), paths.stepper.relax_overdamped(trail, load)
         assert slow is not None
         assert slow.residual <= 1e-9
         assert paths.stepper.measure(slow, load) == pytest.approx(paths.stepper.measure(direct, load), rel=1e-12)
@@ -74,39 +71,3 @@ def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
     assert after.force == pytest.approx(slow.force, rel=1e-3)
     assert here.force > 1.05 * slow.force
     assert after.damped == pytest.approx(slow.damped, rel=3e-2)
-
-
-class Falling:
-    """A history in which a ball falls through ``way`` W: it moves by what dashpots leave it, and not too far in a step."""
-
-    def __init__(self, way, limit=math.inf):
-        self.way, self.limit, self.drags = way, limit, []
-
-    def settle(self, trail, load, drag):
-        here = trail[-1].overlap
-        self.drags.append(drag)
-        left = self.way - here
-        far = left if drag == 0.0 else min(left, 1e-4 * (here + 1e-2) / drag)
-        return None if far > self.limit else place_at(here + far)
-
-
-def place_at(overlap):
-    contacts = Contacts(np.array([[0.0]]), np.array([[[overlap]]]), np.zeros((1, 1, 1)))
-    return PressedArray(overlap, np.zeros((1, 1)), contacts, FrictionLaw(0.8))
-
-
-def test_dashpots_are_made_stronger_while_a_ball_falls():
-    falling = Falling(1.0, 0.05)
-    after = Stepper.relax_overdamped(falling, [place_at(0.0)], ReducedLoad(overlap=0.0))
-    assert after.overlap == pytest.approx(1.0, abs=0.05)
-    assert any(later > drag > 0.0 for drag, later in itertools.pairwise(falling.drags))
-    assert falling.drags[-1] == 0.0
-
-
-def test_dashpots_give_up_where_nothing_falls_or_a_fall_has_no_end():
-    stuck = Falling(1.0, 1e-6)
-    assert Stepper.relax_overdamped(stuck, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
-    assert stuck.drags == [DRAG]
-    endless = Falling(math.inf, 0.05)
-    assert Stepper.relax_overdamped(endless, [place_at(0.0)], ReducedLoad(overlap=0.0)) is None
-    assert len(endless.drags) < 100

@@ -7,8 +7,6 @@ import math
 import numpy as np
 import pytest
 
-import granphon as gp
-from granphon.array import sparse as direct
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.sparse import SparseArray
@@ -16,7 +14,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError
 from tests.array.test_equilibrium import at_rest, balls, close_forces
 from tests.array.test_response import dense_tensor
-from tests.array.test_stencils import ETA, every_eta
+from tests.array.test_stencils import every_eta
 
 every_shape = pytest.mark.parametrize("shape", [(16, 16), (24, 17), (1, 9), (2, 3)], ids=str)
 
@@ -55,17 +53,6 @@ def test_balls_that_nothing_holds_are_no_obstacle(spacing, eta):
     np.testing.assert_allclose(array.elastic_tensor(forces, eta), expected, rtol=0.0, atol=1e-9 * expected.max())
 
 
-@every_eta
-@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (5, 3)], ids=str)
-def test_equal_balls_have_the_moduli_of_equation_17(shape, eta):
-    array = SparseArray(np.zeros(shape))
-    forces = array.forces(0.4)
-    np.testing.assert_allclose(forces, 0.4**1.5, rtol=1e-15)
-    k = 1.5 * 0.4**0.5
-    lattice = gp.ContactLattice.of("triangular", eta).elastic_tensor()
-    np.testing.assert_allclose(array.elastic_tensor(forces, eta), k * lattice, rtol=0.0, atol=1e-14)
-
-
 def test_the_net_force_on_every_ball_is_below_the_tolerance():
     x = balls((20, 20), 5)
     for tolerance in (1e-4, 1e-8, 1e-11):
@@ -80,18 +67,3 @@ def test_the_net_force_on_every_ball_is_below_the_tolerance():
 def test_an_array_that_carries_no_load_is_refused(overlap):
     with pytest.raises(ConvergenceError, match="not come to rest"):
         SparseArray(balls((12, 12), 3)).forces(overlap)
-
-
-def test_newtons_method_ends(monkeypatch):
-    array = SparseArray(balls((12, 12), 3))
-    monkeypatch.setattr(direct, "_FACTORISATIONS", 2)
-    with pytest.raises(ConvergenceError, match="not come to rest"):
-        array.forces(0.0)
-
-
-def test_friction_stiffens_the_shear():
-    array = SparseArray(balls((12, 12), 0))
-    forces = array.forces(0.3)
-    smooth, rough = (array.elastic_tensor(forces, eta) for eta in (0.0, ETA))
-    assert np.linalg.eigvalsh(rough - smooth)[0] > -1e-9 * rough.max()
-    assert rough[2, 2] > 1.3 * smooth[2, 2]

@@ -19,7 +19,7 @@ from granphon.array import contact_operator, friction, load_step, stepper
 from granphon.array import history as module
 from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.geometry import ExactGeometry, LatticeGeometry, ReducedLoad, multiply
+from granphon.array.geometry import ExactGeometry, ReducedLoad, multiply
 from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
 from granphon.array.load_step import LinearSteps
@@ -39,17 +39,6 @@ ETA = 0.82
 def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, **more):
     stencils = Stencils(shape, ETA, lattice=lattice)
     return LoadingHistory(balls(stencils.ball_shape, seed), stencils, mu, tolerance, **more)
-
-
-#: lattices that friction alone holds, and shapes
-OTHERS = [
-    (SQUARE, (12, 12)),
-    (KAGOME, (12, 12)),
-    (HONEYCOMB, (12, 12)),
-    (SC, (4, 4, 4)),
-    (BCC, (4, 4, 4)),
-    (DIAMOND, (3, 3, 3)),
-]
 
 
 def history_in(ratio, shape, *given):
@@ -273,20 +262,16 @@ NODES, WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynom
 
 
 @pytest.mark.claim("friction-dense")
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(("shape", "mu"), [((6, 6), math.inf), ((6, 7), 0.2), ((8, 8), 0.1)])
-def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu):
-    monkeypatch.setattr(load_step, "BALANCE_TOLERANCE", 1e-12)
-    compare_with_dense(shape, mu, ramp(0.5, 0.9, 0.6, steps=3))
-
-
-@pytest.mark.claim("friction-dense")
-def test_a_path_is_that_of_dense_equations(monkeypatch):
+@pytest.mark.parametrize(
+    ("shape", "mu", "steps"),
+    [
+        ((4, 4), 0.2, 1),
+        *(pytest.param(*one, 3, marks=pytest.mark.exhaustive) for one in (((6, 6), math.inf), ((6, 7), 0.2), ((8, 8), 0.1))),
+    ],
+)
+def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu, steps):
     monkeypatch.setattr(load_step, "BALANCE_TOLERANCE", 1e-12)  # balls that little holds move by much more than the residual
-    compare_with_dense((4, 4), 0.2, ramp(0.5, 0.9, 0.6, steps=1))
-
-
-def compare_with_dense(shape, mu, loads):
+    loads = ramp(0.5, 0.9, 0.6, steps=steps)
     x = balls(shape, 3)
     dense, paths = Dense(x, mu), history(shape, mu, seed=3)
     begun = paths.begin()
@@ -398,7 +383,7 @@ def test_small_reversals_lose_energy_in_first_order(ratio):
     for change in (1e-3, 5e-4, 2.5e-4):
         state = high
         for sign in (-1.0, 1.0):
-            state = paths.step([state], ReducedLoad(overlap=state.overlap + sign * change))
+            state = paths.stepper.step([state], ReducedLoad(overlap=state.overlap + sign * change))
         lost.append(state.dissipated - high.dissipated)
     assert lost[2] == pytest.approx(0.004 * high.force * 2.5e-4, rel=0.125)
     assert lost[0] / lost[1] == pytest.approx(2.0, rel=0.1)
@@ -536,7 +521,7 @@ def test_in_small_cycles_contacts_stick(ratio):
     assert slide < 0.98 * stick
     met = []
     for change in (1e-4, -1e-4, 1e-4, -1e-4, 1e-4):
-        after = paths.step([state], ReducedLoad(overlap=state.overlap + change))
+        after = paths.stepper.step([state], ReducedLoad(overlap=state.overlap + change))
         met.append((after.force - state.force) / change)
         state = after
     assert 1.001 * slide < met[0] < 0.99 * stick
@@ -571,21 +556,6 @@ def test_limits_of_given_overlaps_lead_to_the_same_forces(monkeypatch):
     np.testing.assert_allclose(lagged.contacts.shears, sharp.contacts.shears, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("mu", [0.2, math.inf])
-def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu):
-    """The states of a refined path, and the same path with each of its steps in two."""
-    paths, seen = history((6, 6), mu, 3e-4, seed=1), []
-    original = paths._refine
-    paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
-    last = run(paths, ramp(0.5, 1.0, steps=2))[-1]
-    assert len(seen) == last.steps > 4
-    ends = [0.0, *(state.overlap for state in seen)]
-    halves = [ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
-    twice = run(history((6, 6), mu, seed=1), halves)
-    assert abs(twice[-1].force / last.force - 1.0) < 3e-4
-    assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
-
-
 @pytest.mark.claim("friction-steps")
 @RATIOS
 @pytest.mark.parametrize("mu", [0.2, math.inf])
@@ -605,16 +575,6 @@ def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu, ratio):
 # -- one step -------------------------------------------------------------------------------------------------------------
 
 
-def begin_step(mu, side=8):
-    """A step from an array that has been pressed, to the load at which it stands."""
-    paths = history((side, side), mu, seed=1)
-    here = run(paths, ramp(0.5, 0.7, steps=3))[-1]
-    steps = paths.stepper
-    place = steps.geometry.place(here.balls, here.overlap)
-    load = ReducedLoad(overlap=here.overlap)
-    return load_step.LoadStep(steps.geometry, steps.law, here, place, load, Patches(steps.geometry.stencils)), here
-
-
 @settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_a_ball_that_only_slides_is_turned_to_where_its_torque_vanishes(seed, contacts):
@@ -630,67 +590,6 @@ def test_a_ball_that_only_slides_is_turned_to_where_its_torque_vanishes(seed, co
     assert abs(torque(angle)) < 1e-12
     assert torque(-1e3) < 0.0 < torque(1e3)  # so that there is such an angle
     np.testing.assert_array_equal(load_step._unwind(*columns[:2], np.zeros_like(columns[2]), columns[3]), 0.0)
-
-
-def test_loose_balls_are_turned_while_all_others_are_held():
-    step, here = begin_step(0.05)
-    balls = here.balls.copy()
-    balls[2, 3, 5] += 1.0  # all contacts of this ball slide, and some of its neighbours'
-    trial = step._try(balls, here.overlap)
-    turned = step._turn_loose(trial, None)
-    assert abs(trial.pull[2, 3, 5]) > 0.01 * here.force
-    assert abs(turned.pull[2, 3, 5]) < 1e-12 * here.force
-    np.testing.assert_array_equal(turned.balls[:2], balls[:2])
-    moved = np.argwhere(turned.balls[2] != balls[2])
-    assert [3, 5] in moved.tolist()
-    assert len(moved) < 8
-    balanced = step._try(here.balls, here.overlap)
-    assert step._turn_loose(balanced, None) is balanced
-
-
-def test_turning_balls_does_not_undo_a_step(monkeypatch):
-    """Where the contacts of turned balls change, turning may leave more than a step takes away, again and again."""
-    loads = ramp(0.5, 0.6, steps=1)
-    expected = run(history((8, 8), 0.2, seed=1), loads)[0]
-
-    def turn(step, trial, guess):
-        balls = trial.balls.copy()
-        balls[2, 0, 0] += 0.1
-        return trial if trial.left < 1e-9 else step._try(balls, trial.overlap, guess)
-
-    monkeypatch.setattr(load_step.LoadStep, "_turn_loose", turn)
-    found = run(history((8, 8), 0.2, seed=1), loads)[0]
-    np.testing.assert_allclose(found.contacts.shears, expected.contacts.shears, rtol=0.0, atol=1e-8)
-    assert found.newton < 2 * expected.newton
-
-
-def test_balls_that_fall_are_moved_by_a_limited_step():
-    step, here = begin_step(0.3)
-    trial = step._try(here.balls, here.overlap)
-    limit = load_step._FARTHEST * math.sqrt(np.mean(here.contacts.overlaps**2))
-    way = np.random.default_rng(0).normal(size=here.balls.shape) * 0.1 * limit
-    np.testing.assert_array_equal(step._shorten(way.ravel(), trial), way)
-    far = way.copy()
-    far[:, 2, 4], far[2, 1, 1] = [3.0 * limit, -5.0 * limit, 2.0 * limit], 8.0 * limit
-    short = step._shorten(far.ravel(), trial)
-    np.testing.assert_allclose(short[:, 2, 4], far[:, 2, 4] / 5.0, rtol=1e-14)
-    np.testing.assert_allclose(short[:, 1, 1], far[:, 1, 1] / 4.0, rtol=1e-14)  # half of a rotation counts
-    short[:, [2, 1], [4, 1]] = way[:, [2, 1], [4, 1]]
-    np.testing.assert_array_equal(short, way)
-
-
-def test_steps_with_patches_come_to_the_same_state(monkeypatch):
-    loads, sizes = ramp(0.5, 0.6, steps=2), []
-    monkeypatch.setattr(load_step, "_FEW", 300)  # never
-    expected = run(history((8, 8), 0.3, seed=1), loads)[-1]
-    invert = Patches.invert
-    monkeypatch.setattr(load_step, "_FEW", 3)
-    monkeypatch.setattr(Patches, "invert", lambda self, *args: (sizes.append(args[0].size), invert(self, *args))[1])
-    found = run(history((8, 8), 0.3, seed=1), loads)[-1]
-    assert len(sizes) > 2
-    assert found.krylov < expected.krylov
-    np.testing.assert_allclose(found.contacts.forces, expected.contacts.forces, rtol=0.0, atol=1e-8)
-    np.testing.assert_allclose(found.contacts.shears, expected.contacts.shears, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, FCC])
@@ -746,20 +645,6 @@ def test_product_is_that_of_the_law_with_deformations(monkeypatch, lattice, shap
     assert push == pytest.approx(-float(np.sum(normal)), abs=stencils.n_rows * rounding * float(np.sum(np.abs(normal))))
 
 
-def test_places_of_large_arrays_are_those_of_small_ones(monkeypatch):
-    draw = np.random.default_rng(3)
-    deviations, motion = draw.normal(size=(4, 5)), draw.normal(size=(3, 4, 5))
-    small, large = (LatticeGeometry(Stencils((4, 5), ETA), deviations) for _ in range(2))
-    one = small.place(motion, 0.3)
-    pull = one.pull(one.overlaps, one.slips(one, one.overlaps))
-    monkeypatch.setattr(contact_operator, "_CACHED", 500)
-    monkeypatch.setattr(contact_operator, "_LONG", 0)
-    other = large.place(motion, 0.3)
-    assert_allclose(other.overlaps, one.overlaps, atol=1e-14)
-    assert_allclose(other.pull(one.overlaps, one.slips(one, one.overlaps)), pull, atol=1e-13)
-    assert len(small.stencils.operator.parts(float)) < len(large.stencils.operator.parts(float))
-
-
 def test_a_product_is_not_changed_by_the_next_one():
     stencils = Stencils((4, 4), ETA)
     k, none = np.ones((3, 4, 4)), np.zeros((1, 3, 4, 4))
@@ -785,11 +670,6 @@ def test_a_start_may_be_a_load():
 def test_a_start_below_the_threshold_is_an_error(load):
     with pytest.raises(InputError, match="starts below the threshold"):
         history((6, 6), 0.2, start=load).begin()
-
-
-def test_a_start_without_a_meaning_is_an_error():
-    with pytest.raises(InputError, match='cannot start at "liquid"'):
-        history((6, 6), start="liquid")
 
 
 @pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE])
@@ -865,7 +745,10 @@ def test_balls_that_are_squeezed_out_do_not_end_a_path():
 
 @pytest.mark.exhaustive
 @pytest.mark.claim("friction-gas")
-@pytest.mark.parametrize(("lattice", "shape"), OTHERS)
+@pytest.mark.parametrize(
+    ("lattice", "shape"),
+    [*((one, (12, 12)) for one in (SQUARE, KAGOME, HONEYCOMB)), (SC, (4, 4, 4)), (BCC, (4, 4, 4)), (DIAMOND, (3, 3, 3))],
+)
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
     begun = history(shape, 0.5, lattice=lattice, start="gas").begin()
     assert begun.residual <= 1e-9
@@ -900,10 +783,17 @@ def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, nam
     assert caught.value.reached.overlap >= 0.05
 
 
-def test_balls_that_come_apart_are_said_to():
-    with pytest.raises(ConvergenceError, match="No load is left on the balls") as caught:
-        run(history((6, 6), math.inf), [ReducedLoad(overlap=0.05), ReducedLoad(overlap=-0.3)])
-    assert caught.value.reached.overlap == 0.05
+@pytest.mark.parametrize(
+    ("mu", "first", "last", "said"),
+    [
+        (math.inf, 0.05, -0.3, "No load is left on the balls"),
+        (0.2, 0.1, -0.49, r"an overlap of -0\.49.*No load is left on the balls; at f\* = "),
+    ],
+)
+def test_balls_that_come_apart_are_an_error_of_their_load(mu, first, last, said):
+    with pytest.raises(ConvergenceError, match=said) as caught:
+        run(history((6, 6), mu), [ReducedLoad(overlap=first), ReducedLoad(overlap=last)])
+    assert caught.value.reached.overlap == first
 
 
 @pytest.mark.parametrize(("places", "ends"), [((0.07,), False), ((0.07, 0.17), True)])
@@ -926,15 +816,13 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
         assert run(paths, loads)[0].steps > 4
 
 
-def test_a_refinement_without_end_names_the_load(monkeypatch):
-    monkeypatch.setattr(module, "MOST_HALVINGS", 1)
-    with pytest.raises(ConvergenceError, match="Halving the step still changes"):
-        run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
-
-
-def test_a_path_does_not_go_on_for_ever(monkeypatch):
-    monkeypatch.setattr(module, "_MOST_STEPS", 2)
-    with pytest.raises(ConvergenceError, match="more than 2 steps"):
+@pytest.mark.parametrize(
+    ("limit", "most", "said"),
+    [("MOST_HALVINGS", 1, "Halving the step still changes"), ("_MOST_STEPS", 2, "more than 2 steps")],
+)
+def test_a_refinement_without_end_names_the_load(monkeypatch, limit, most, said):
+    monkeypatch.setattr(module, limit, most)
+    with pytest.raises(ConvergenceError, match=said):
         run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
 
 
@@ -971,14 +859,14 @@ def test_where_the_array_stands_no_step_is_taken():
     assert last.steps > first.steps
 
 
-def test_balls_that_fall_apart_are_an_error_of_their_load():
-    with pytest.raises(ConvergenceError, match=r"an overlap of -0\.49.*No load is left on the balls; at f\* = "):
-        run(history((6, 6), 0.2), [ReducedLoad(overlap=0.1), ReducedLoad(overlap=-0.49)])
-
-
 @pytest.mark.parametrize(
     ("change", "why"),
-    [({"mu": -0.1}, "friction coefficient"), ({"mu": math.nan}, "friction coefficient"), ({"tolerance": 0.0}, "tolerance")],
+    [
+        ({"mu": -0.1}, "friction coefficient"),
+        ({"mu": math.nan}, "friction coefficient"),
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"start": "liquid"}, 'cannot start at "liquid"'),
+    ],
 )
 def test_bad_input(change, why):
     with pytest.raises(InputError, match=why):

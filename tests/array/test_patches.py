@@ -81,18 +81,6 @@ def test_the_worst_balls_come_with_their_neighbours():
     assert np.count_nonzero(found) == 14
 
 
-def test_a_patch_grows_to_the_whole_array_but_not_beyond_its_limit(monkeypatch):
-    small = Patches(Stencils((8, 8), ETA))
-    first, more = np.array([3, 5]), np.arange(4, 9)
-    np.testing.assert_array_equal(small.join(first, more), np.arange(3, 9))
-    np.testing.assert_array_equal(small.join(first, np.arange(30)), np.arange(64))
-    monkeypatch.setattr(patches, "_LARGEST", (30, 30, 30))  # contacts: 10 balls
-    small = Patches(Stencils((8, 8), ETA))
-    np.testing.assert_array_equal(small.join(first, more), np.arange(3, 9))
-    np.testing.assert_array_equal(small.join(first, np.arange(30)), first)
-    assert small.find_worst(np.ones((3, 8, 8))).size <= 10
-
-
 #: balls that hold the next one, while the rest of the array hardly holds the two
 PAIRS = {(4, 4): 3e-2, (12, 20): 1e-2, (25, 9): 5e-3, (20, 28): 2e-3, (9, 14): 1e-3}
 

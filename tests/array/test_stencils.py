@@ -181,49 +181,6 @@ def matrix_of(apply, stencils):
     return np.stack([apply(unit).ravel() for unit in units], axis=1)
 
 
-def stiffness_matrix(stencils, stiffness):
-    def apply(balls):
-        return stencils.forces(stencils.weights(stiffness) * stencils.deformations(Motion(balls, 0.0)))
-
-    return matrix_of(apply, stencils)
-
-
-@every_eta
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 2), (3, 5), (6, 4)], ids=str)
-@pytest.mark.parametrize("kinds", [(1.0, 1.0, 1.0), (0.4, 1.0, 1.6)], ids=["equal", "unequal"])
-def test_preconditioner_is_the_inverse_of_equal_contacts_and_each_balls_own(shape, eta, kinds):
-    # that of each ball is left out where contacts are alike; where balls do not rotate it comes before and after the other
-    stencils, level = Stencils(shape, eta), 0.7
-    stiffness = level * np.multiply.outer(kinds, np.ones(shape))
-    found = matrix_of(stencils.preconditioner(stencils.weights(stiffness)), stencils)
-    full = stiffness_matrix(stencils, np.full_like(stiffness, level))
-    # of motions that cost energy the inverse; translations of the whole array are left alone
-    size = math.prod(shape)
-    values, vectors = np.linalg.eigh(full)
-    keep = values > 1e-10
-    assert np.count_nonzero(~keep) == 2
-    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    # what a ball's six springs hold, in the coordinates of the stencils; each spring is lent 1e-5 of the mean
-    normals = np.array(Explicit.normals)
-    tangents = normals @ [[0.0, 1.0], [-1.0, 0.0]]
-    springs = 2.0 * level * (np.array(kinds) + 1e-5)[:, None]
-    block = normals.T @ (springs * normals) + eta * tangents.T @ (springs * tangents)
-    to_cartesian = np.linalg.inv(stencils.basis)
-    local = np.zeros_like(full)
-    small = np.linalg.inv(to_cartesian.T @ block @ to_cartesian)
-    for (a, b), value in np.ndenumerate(small):
-        local[a * size + np.arange(size), b * size + np.arange(size)] = value
-    if eta:
-        turn = np.sum(springs) * eta * 0.25
-        local[2 * size + np.arange(size), 2 * size + np.arange(size)] = 1.0 / turn
-    expected = inverse + local * (len(set(kinds)) > 1)
-    if not eta and len(set(kinds)) > 1:
-        matrix, local, one = stiffness_matrix(stencils, stiffness), 0.8 * local, np.eye(2 * size)
-        left = one - matrix @ local
-        expected = local + local @ left + left.T @ inverse @ left
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-12)
-
-
 @every_eta
 @pytest.mark.parametrize("shape", [(1, 1), (4, 5), (6, 6)], ids=str)
 @pytest.mark.parametrize("opened", [0.0, 0.5, 0.9])
