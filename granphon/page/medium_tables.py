@@ -220,35 +220,28 @@ def _tabulate(
     """Return "table" and the errors; ``checks`` are further curves, with their roots of eta, by which the error is found."""
     from scipy.interpolate import barycentric_interpolate
 
-    x, values, error = _place_nodes(curves, low, high)
-    table = {
-        "log_force": x.tolist(), "roots": roots,
-        **{name: [one[n].tolist() for one in values] for n, name in enumerate(("overlap", "log_stiffness", "slope"))},
-    }  # fmt: skip
-    beside, found = 0.0, np.array([one[1] for one in values])
-    for root, curve in checks or []:
-        beside = max(beside, float(np.max(np.abs(np.expm1(barycentric_interpolate(roots, found, root) - curve(x)[1])))))
-    return {"table": table, "error": error, "friction_error": error + beside}
-
-
-def _place_nodes(curves: list[_Curve], low: float, high: float) -> tuple[Array, list[Array], float]:
-    """Return nodes of ln f*, the values of each curve there, (3, n), and the largest error between the nodes.
-
-    Where contacts open, a law has a kink: nodes are put closer there.
-    """
+    # where contacts open, a law has a kink: nodes of ln f* are put closer there
     x = np.linspace(low, high, _NODES)
     while True:
         values = [np.array(curve(x)) for curve in curves]
         middle, step = 0.5 * (x[1:] + x[:-1]), np.diff(x)
-        error = np.zeros(len(step))
+        errors = np.zeros(len(step))
         for one, curve in zip(values, curves, strict=True):
             # of a cubic of Hermite, in the middle between two nodes
             guess = 0.5 * (one[1][1:] + one[1][:-1]) + step / 8.0 * (one[2][:-1] - one[2][1:])
-            error = np.maximum(error, np.abs(np.expm1(guess - curve(middle)[1])))
-        worse = (error > _TOLERANCE) & (step > _LEAST_STEP)
+            errors = np.maximum(errors, np.abs(np.expm1(guess - curve(middle)[1])))
+        worse = (errors > _TOLERANCE) & (step > _LEAST_STEP)
         if not np.any(worse) or len(x) + np.count_nonzero(worse) > _MOST_NODES:
-            return x, values, float(np.max(error))
+            break
         x = np.sort(np.concatenate([x, middle[worse]]))
+    table = {
+        "log_force": x.tolist(), "roots": roots,
+        **{name: [one[n].tolist() for one in values] for n, name in enumerate(("overlap", "log_stiffness", "slope"))},
+    }  # fmt: skip
+    error, beside, found = float(np.max(errors)), 0.0, np.array([one[1] for one in values])
+    for root, curve in checks or []:
+        beside = max(beside, float(np.max(np.abs(np.expm1(barycentric_interpolate(roots, found, root) - curve(x)[1])))))
+    return {"table": table, "error": error, "friction_error": error + beside}
 
 
 def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Curve, float, float, float]:
