@@ -124,7 +124,10 @@ class Spread(ABC):
 
         A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is not shifted to zero here.
         """
-        return self.width * np.asarray(self.shape.quantile(uniform_numbers(shape, seed)), float)
+        return self._compute_deviations(uniform_numbers(shape, seed))
+
+    def _compute_deviations(self, probability: Array) -> Array:
+        return self.width * np.asarray(self.shape.quantile(probability), float)
 
 
 @dataclass(frozen=True)
@@ -209,9 +212,8 @@ class _Listed(Spread):
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
 
-    def sample(self, shape: int | Sequence[int], seed: int) -> Array:
-        """As :meth:`Spread.sample`, of the diameters themselves, however many: the shape may have fewer points."""
-        return self._table[1][find_quantiles(self._table[2], uniform_numbers(shape, seed))]
+    def _compute_deviations(self, probability: Array) -> Array:
+        return self._table[1][find_quantiles(self._table[2], probability)]
 
     @property
     def mean(self) -> float:

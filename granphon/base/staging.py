@@ -177,11 +177,9 @@ class ResultFiles:
                 place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield place
                 self._check()
-                # beside the new files stands the list of the folder as it is to be; what has a known text need not be in it
-                written, made = (
-                    read_written_files(target),
-                    [n for n in self.names if n not in optional or (place / n).exists()],
-                )
+                # beside the new files comes the list of the folder as it is to be; what has a known text may be absent there
+                written = read_written_files(target)
+                made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
                 there = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
                 old = {name: written.get(name) or _digest_file(target / name) for name in there}
                 files = {name: digest for name, digest in written.items() if name not in old}

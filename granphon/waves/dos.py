@@ -14,18 +14,17 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.base.arguments import whole_number
 from granphon.base.results import Result
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
-from granphon.waves.eigenproblem import DENSE
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
 #: most numbers of moments of all random vectors: their densities are 4 GiB
-_MOST = 2**26
+MOST_MOMENTS = 2**26
 #: most numbers of moments of modes that are worked out together
 _BLOCK = 2**22
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpectralDensity(Refinable["_Traces | _Lines"], Result):
+class SpectralDensity(Refinable["RandomVectors | AllModes"], Result):
     """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson kernel.
 
     Of a network of up to 600 motions it is exact. Of a larger one it is an estimate by random vectors, whose integral is
@@ -95,17 +94,7 @@ class SpectralDensity(Refinable["_Traces | _Lines"], Result):
         return self._known_work().find(Kernel.of(self.top, resolution, moments).moments, self.vectors)
 
 
-def find_dos(
-    operator: WaveOperator, resolution: float | None, moments: int | None, vectors: int, seed: int
-) -> SpectralDensity:
-    """Return the density of states; see :meth:`granphon.waves.waves.Waves.dos`."""
-    vectors, seed = whole_number("vectors", vectors, 1, _MOST), whole_number("seed", seed, 0)
-    kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
-    work = _Lines(operator, seed) if operator.size <= DENSE else _Traces(operator, seed, vectors)
-    return work.find(kernel.moments, vectors)
-
-
-class _Lines:
+class AllModes:
     """All modes of a network: their frequencies, and how much of the energy of each is of translations and of rotations."""
 
     def __init__(self, operator: WaveOperator, seed: int) -> None:
@@ -129,7 +118,7 @@ class _Lines:
         )._with_work(self)
 
 
-class _Traces:
+class RandomVectors:
     """Moments of random vectors: of their translations and of their rotations, each by itself.
 
     <r|T|r> of vectors of random signs has the mean Tr T. With r cut into the two parts, each gives the trace over its own
@@ -153,7 +142,7 @@ class _Traces:
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by these numbers of moments and of random vectors."""
-        vectors = whole_number("vectors", vectors, 1, _MOST // moments)
+        vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         for number in range(len(self._vectors), vectors):
             starts = [partial(self._draw, number, turns) for turns in self._parts]

@@ -85,7 +85,14 @@ class Problem:
             omega = np.sqrt(np.maximum(squares, 0.0))
         else:
             # the squares of R are those of A, whose rows are many more
-            sizes, rows = _find_singular(np.asarray(np.linalg.qr(operator.root @ whole, mode="r")))
+            triangle = np.asarray(np.linalg.qr(operator.root @ whole, mode="r"))
+            try:
+                _, sizes, rows = np.linalg.svd(triangle)
+            except np.linalg.LinAlgError:
+                # LAPACK's fast method fails on some matrices with hundreds of singular values near zero; this does not
+                from scipy.linalg import svd
+
+                _, sizes, rows = svd(triangle, lapack_driver="gesvd")
             omega = np.zeros(len(rows))
             omega[: sizes.size] = sizes
             order = np.argsort(omega, kind="stable")
@@ -98,20 +105,6 @@ class Problem:
         """Return the places of the ``count`` frequencies nearest to ``target`` that cost energy, ascending."""
         cost = np.flatnonzero(omega > ZERO * self.top)
         return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
-
-
-def _find_singular(matrix: Array) -> tuple[Array, Array]:
-    """Return the singular values of a matrix, and its right singular vectors as rows.
-
-    LAPACK's fast method fails on some matrices with hundreds of singular values near zero; the slower one does not.
-    """
-    try:
-        _, sizes, rows = np.linalg.svd(matrix)
-    except np.linalg.LinAlgError:
-        from scipy.linalg import svd
-
-        _, sizes, rows = svd(matrix, lapack_driver="gesvd")
-    return sizes, rows
 
 
 def find_limit(operator: WaveOperator) -> float:

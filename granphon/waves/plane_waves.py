@@ -73,30 +73,22 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     if network.lattice is None or network.shape is None:
         return None
     periods = len(network.shape)
-    repeats = _find_repeats(network.lattice.positions @ np.linalg.pinv(network.lattice.vectors))
-    if repeats is None:
-        return None
-    primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
-    return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
-
-
-def _find_repeats(sites: Array) -> NDArray[np.intp] | None:
-    """Return reciprocal vectors (p, p), as whole numbers, that span all G with exp(i G . t) = 1 for steps t between sites.
-
-    ``sites`` (n, p) are fractions of the lattice vectors. None if they have no common denominator of up to 24.
-    """
-    steps, p = sites - sites[0], sites.shape[1]
+    # steps between the balls of a cell, in fractions of the lattice vectors, and their least common denominator m
+    sites = network.lattice.positions @ np.linalg.pinv(network.lattice.vectors)
+    steps = sites - sites[0]
     denominators = (m for m in range(1, _MOST_PARTS + 1) if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE))
     if (m := next(denominators, None)) is None:
         return None
-    # m times any reciprocal vector is one of them, so that those from 0 to m have a triangular basis among them
-    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * p, indexing="ij"), axis=-1).reshape(-1, p)
+    # reciprocal vectors, as whole numbers, that span all G with exp(i G . t) = 1: m times any reciprocal vector is one of
+    # them, so that those from 0 to m have a triangular basis among them
+    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij"), axis=-1).reshape(-1, periods)
     numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
-    rows = []
-    for n in range(p):
+    repeats = np.zeros((periods, periods), np.intp)
+    for n in range(periods):
         among = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
-        rows.append(among[np.argmin(among[:, n])])
-    return np.array(rows)
+        repeats[n] = among[np.argmin(among[:, n])]
+    primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
+    return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:

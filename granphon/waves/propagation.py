@@ -187,25 +187,6 @@ class Propagation:
                 return max(int(short[0]), 2)  # all is still at the end where damping is large
             count *= 2
 
-    @cached_property
-    def _waves(self) -> _Exponentials:
-        return self._find_nodes(self.order)
-
-    def _respond(self, times: Array, weights: Complex) -> Array:
-        """Return real responses (n_t, n) of all exponentials to the burst, times ``weights``."""
-        rates, end = self._waves.rate, self.burst.duration
-        during = times < end
-        found = np.empty((times.size, rates.size), complex)
-        found[during] = self.burst.drive(rates, times[during])
-        if not np.all(during):
-            found[~during] = np.exp(np.multiply.outer(times[~during] - end, rates)) * self._after
-        return np.asarray(np.real(found * weights))
-
-    @cached_property
-    def _after(self) -> Complex:
-        """What the burst leaves in each exponential at its end."""
-        return np.asarray(self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0])
-
     # -- recursion ------------------------------------------------------------------------------------------------------
 
     def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
@@ -224,10 +205,14 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        size, order, waves = self.push.size, self.order, self._waves
+        size, order, waves = self.push.size, self.order, self._find_nodes(self.order)
         # coefficients of the polynomials in the displacements, then the velocities, at the few times of the frames
-        values = np.zeros((order, 2 * frames.size))
-        responses = [self._respond(frames, weights).T for weights in (waves.displacement, waves.velocity)]
+        values, end = np.zeros((order, 2 * frames.size)), self.burst.duration
+        after = self.burst.drive(waves.rate, np.array([end]))[0]  # what the burst leaves in each exponential at its end
+        early, grown = frames < end, np.empty((frames.size, waves.rate.size), complex)
+        grown[early] = self.burst.drive(waves.rate, frames[early])
+        grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after
+        responses = [np.real(grown * weights).T for weights in (waves.displacement, waves.velocity)]
         np.add.at(values, waves.node, np.hstack(responses))
         forms = dct(values.T, type=2, axis=1) / order
         forms[:, 0] *= 0.5
@@ -248,18 +233,18 @@ class Propagation:
         moments = np.array(heard)
         weight = dct(moments, type=3, axis=0)[waves.node] / order * waves.velocity[:, None]
         signals = np.empty((times.size, moments.shape[1]))
-        during = int(np.count_nonzero(times < self.burst.duration))
+        during = int(np.count_nonzero(times < end))
         rows = max(1, _BLOCK // waves.rate.size)
         for first in range(0, during, rows):
             here = slice(first, min(first + rows, during))
             signals[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
         if during < times.size:
-            weight *= self._after[:, None]
+            weight *= after[:, None]
             apart = times[during : during + rows] - times[during]
             later = np.exp(np.multiply.outer(apart, waves.rate))
             for first in range(during, times.size, rows):
                 here = slice(first, min(first + rows, times.size))
-                begin = np.exp(waves.rate * (times[first] - self.burst.duration))
+                begin = np.exp(waves.rate * (times[first] - end))
                 signals[here] = np.real(later[: signals[here].shape[0]] @ (begin[:, None] * weight))
         return signals.T, states[: frames.size], states[frames.size :]
 
@@ -301,17 +286,6 @@ class ViscousPropagation:
         found /= self._radius
         return found
 
-    @cached_property
-    def _span(self) -> float:
-        return min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
-
-    def _count_terms(self, span: float) -> int:
-        """Return the number of polynomials beyond which all terms are below :data:`_LEAST`."""
-        phase, part = self._radius * span, self._shift / self._radius
-        n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
-        sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(part), 700.0))
-        return int(np.flatnonzero(sizes > _LEAST)[-1]) + 2
-
     def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
         """Return what receivers hear, and the motions of all balls; see :meth:`Propagation.follow`."""
         size, end = self._push.size, max(float(times[-1]), float(np.max(frames, initial=0.0)))
@@ -319,38 +293,37 @@ class ViscousPropagation:
         z[2 * size : 2 * size + self._omegas.size] = self._alpha
         signals = np.zeros((times.size, listen(z[:size]).size))
         displaced, moving = np.zeros((frames.size, size)), np.zeros((frames.size, size))
+        longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
         first, switched = 0.0, False
         while first < end:
-            last = min(first + self._span, end)
+            last = min(first + longest, end)
             if not switched and last >= self.burst.duration:
                 last, switched = self.burst.duration, True
             heard = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
-            seen = np.flatnonzero((frames > first) & (frames <= last))
-            z, signals[heard], states = self._advance(z, listen, times[heard] - first, frames[seen] - first, last - first)
-            displaced[seen], moving[seen] = states[:, :size] / self.operator.top, states[:, size : 2 * size]
+            seen, span = np.flatnonzero((frames > first) & (frames <= last)), last - first
+            # the number of polynomials beyond which all terms are below _LEAST
+            phase, part = self._radius * span, self._shift / self._radius
+            n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
+            sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(part), 700.0))
+            count = int(np.flatnonzero(sizes > _LEAST)[-1]) + 2
+            # coefficients at the end of the span, at the frames, and at the times of signals within it
+            n, when = np.arange(count), np.concatenate([[span], frames[seen] - first, times[heard] - first])
+            forms = np.where(n, 2.0, 1.0) * jv(n, self._radius * when[:, None]) * np.exp(-self._shift * when)[:, None]
+            whole, parts = forms[: 1 + seen.size], forms[1 + seen.size :]
+            states, sound = np.zeros((len(whole), z.size)), np.zeros((len(parts), signals.shape[1]))
+            previous, current = z, self._apply(z)
+            for order in range(count):
+                for state, factor in zip(states, whole[:, order], strict=True):
+                    if factor:
+                        state += factor * previous
+                sound += parts[:, order, None] * listen(previous[size : 2 * size])
+                following = self._apply(current)
+                following *= 2.0
+                following += previous
+                previous, current = current, following
+            z, signals[heard] = states[0], sound
+            displaced[seen], moving[seen] = states[1:, :size] / self.operator.top, states[1:, size : 2 * size]
             if last == self.burst.duration:
                 z[2 * size :] = 0.0
             first = last
         return signals.T, displaced, moving
-
-    def _advance(
-        self, z: Array, listen: Callable[[Array], Array], times: Array, frames: Array, span: float
-    ) -> tuple[Array, Array, Array]:
-        """Return z after the ``span``, signals (n_t, n_r) at ``times``, and z (n_f, ...) at ``frames``."""
-        size, count = self._push.size, self._count_terms(span)
-        n = np.arange(count)
-        when = np.concatenate([[span], frames, times])
-        forms = np.where(n, 2.0, 1.0) * jv(n, self._radius * when[:, None]) * np.exp(-self._shift * when)[:, None]
-        whole, parts = forms[: 1 + frames.size], forms[1 + frames.size :]
-        states, signals = np.zeros((len(whole), z.size)), np.zeros((times.size, listen(z[:size]).size))
-        previous, current = z, self._apply(z)
-        for order in range(count):
-            for state, factor in zip(states, whole[:, order], strict=True):
-                if factor:
-                    state += factor * previous
-            signals += parts[:, order, None] * listen(previous[size : 2 * size])
-            following = self._apply(current)
-            following *= 2.0
-            following += previous
-            previous, current = current, following
-        return states[0], signals, states[1:]

@@ -40,6 +40,9 @@ _MOST = 2**20
 _MOST_DAMPED = 1e12
 #: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
+#: by so much, in diameters, the default distance is shorter than the part of the period that it is meant to be: the balls of
+#: samples of one array are not at the same places, and of two planes that are as near the same one is to be taken
+_NEARER = 0.07
 #: the mean contact force being the same, velocities and frequencies of an array of differing balls are those of the array of
 #: equal ones times a number between this and its inverse, generously
 MARGIN = 1.5
@@ -68,7 +71,7 @@ class PulseSource:
         """Take the settings of a scene, with the ``direction``, Cartesian, (p,); None for x.
 
         Without a distance in the settings the receiving plane is half a period of the network away, and a quarter where ends
-        are periodic.
+        are periodic; of two planes that are as near to that place it is the one nearer to the source, in all samples alike.
         """
         periods = sum(network.pbc)
         along = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
@@ -78,7 +81,7 @@ class PulseSource:
             unit[:periods] = along / np.linalg.norm(along)
             course = Course.along(network, unit)
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
-            distance = (0.25 if settings.ends == "periodic" else 0.5) * course.period
+            distance = (0.25 if settings.ends == "periodic" else 0.5) * course.period - _NEARER * course.spacing
         return cls(
             settings.frequency, along, distance, settings.cycles, settings.polarisation, source=settings.source,
             ends=settings.ends, damping=settings.damping,
@@ -125,7 +128,30 @@ class Route:
         if wanted.ends not in ENDS:
             raise InputError(message(f"ends is {brief(wanted.ends)}", mend=f"Use {', '.join(ENDS)}"))
         along = _read_vector("direction", wanted.direction, network.dimension)
-        push = _find_polarisation(network, along, wanted.polarisation)
+        # the unit vector along which the source pushes
+        axes, given = list(network.ball_motions.translations), wanted.polarisation
+        if not isinstance(given, str):
+            push = _read_vector("polarisation", given, network.dimension)
+        elif given == "longitudinal":
+            push = along
+        elif given == "out_of_plane":
+            push = np.array([0.0, 0.0, 1.0])
+        elif given == "transverse":
+            # within the plane of the balls; in space the axis farthest from the direction, made perpendicular to it
+            among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
+            if len(among) < 2:
+                what = f"the motions {network.motions!r} have no transverse waves in this direction"
+                raise InputError(message(what, mend="Name another polarisation, or give a vector"))
+            axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
+            push = np.eye(3)[axis] - along[axis] * along
+            push = push / np.linalg.norm(push)
+        else:
+            known = "longitudinal, transverse, out_of_plane, or a vector"
+            raise InputError(message(f"polarisation is {brief(given)}", mend=f"Use {known}"))
+        if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
+            shown = ", ".join(f"{one:.6g}" for one in push)
+            moves = " and ".join("xyz"[axis] for axis in axes)
+            raise InputError(message(f"balls are pushed along ({shown}), and they move along {moves} only"))
         apart = _read_list("planes", wanted.planes, "m", "above zero")
         frames = _read_list("frames", wanted.frames, "s", "zero or above")
         farthest = max([length, *apart.tolist()])
@@ -134,9 +160,7 @@ class Route:
             course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
         course.require_period(farthest, "The pulse would meet itself")
         course = course.with_ends(wanted.ends)
-        sources = _find_sources(course, wanted.source)
-        at_face = isinstance(wanted.source, str) and wanted.source == "plane" and not math.isnan(course.face)
-        start = course.face if at_face else course.find_place(sources)
+        sources, start = _find_source(course, wanted.source)
         groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
         if np.isin(groups[0], sources).any():
             what = f"the distance of {length:.6g} m leads to the plane of the source itself"
@@ -147,15 +171,35 @@ class Route:
             what = f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the receiving plane"
             why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
             raise InputError(message(what, why, mend))
-        fastest = _estimate_velocities(course.network, along, push)
+        # the velocities of long waves if balls moved in proportion, than which those of the network are not faster
+        net = course.network
+        way, n = (net.vector @ along) ** 2, net.normal[:, axes]
+        tensor = np.einsum("c,ci,cj->ij", (net.normal_stiffness - net.shear_stiffness) * way, n, n)
+        tensor += np.eye(len(axes)) * float(np.sum(net.shear_stiffness * way))
+        own = float(push[axes] @ tensor @ push[axes])
+        if not own > 0.0:
+            what = "no contact resists this polarisation in this direction"
+            raise InputError(message(what, "Waves of it cost no energy", "Use friction, or another polarisation"))
+        mass = float(np.sum(net.masses[net.moving]))
+        fastest = np.sqrt(np.array([own, float(np.linalg.eigvalsh(tensor)[-1])]) / mass)
         if wanted.duration is not None:
             duration = positive("duration", wanted.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
-            if wanted.ends == "periodic":  # the pulse that runs the other way round comes later
-                away = course.find_distance(start, groups[0])
-                _require_room(course.period, away, fastest[0] / margin, burst)
-                duration = min(duration, (course.period - away) / float(fastest[0]))
+            if wanted.ends == "periodic":
+                # the pulse that runs the other way round is to come only when the one that is heard is over
+                period, away, velocity = course.period, course.find_distance(start, groups[0]), fastest[0] / margin
+                needed, room = 2.0 * away + velocity * burst.duration, period - velocity * burst.duration
+                if needed > period:
+                    nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
+                    moments = ((period - away) / velocity, burst.duration, away / velocity)
+                    end, pushed, flight = (write_quantity(one, "s", 3) for one in moments)
+                    what = f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over"
+                    why = f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m"
+                    other = "fewer cycles, a higher frequency, or ends: free"
+                    mend = f"Use {nearer}an array of {needed:.4g} m along the direction, {other}"
+                    raise InputError(message(what, f"{why} long", mend))
+                duration = min(duration, (period - away) / float(fastest[0]))
         step = 1.0 / (READINGS * hertz)
         readings = duration / step if step else math.inf
         if not readings < _MOST_READINGS:
@@ -195,6 +239,8 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
 
     ``operator`` is that of the network, if it is known, and known to be stable.
     """
+    from scipy.sparse.linalg import eigsh
+
     tau = not_negative("damping", wanted.damping, "s")
     across = tau if wanted.tangential_damping is None else not_negative("tangential_damping", wanted.tangential_damping, "s")
     route = Route.of(network, wanted)
@@ -202,7 +248,15 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
         require_stable(operator)
-    _require_reachable(operator, burst.frequency)
+    squared = (2.0 * np.pi * burst.frequency) ** 2
+    if squared > _SURE * operator.top**2 or operator.network.prestress:
+        if operator.size > 2:
+            begin = np.random.default_rng(0).normal(size=operator.size)
+            (top,) = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
+        else:
+            top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
+        if squared > top * (1.0 + 1e-6):
+            raise _explain_unreachable(burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
     _require_short(operator, route.last, max(tau, across), across != tau)
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
@@ -252,66 +306,23 @@ def _read_vector(name: str, given: Any, dimension: int) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _find_polarisation(network: ContactNetwork, along: Array, given: Any) -> Array:
-    """Return the unit vector (3,) along which the source pushes."""
-    axes = list(network.ball_motions.translations)
-    if not isinstance(given, str):
-        push = _read_vector("polarisation", given, network.dimension)
-    elif given == "longitudinal":
-        push = along
-    elif given == "out_of_plane":
-        push = np.array([0.0, 0.0, 1.0])
-    elif given == "transverse":
-        # within the plane of the balls; in space the axis that is farthest from the direction, made perpendicular to it
-        among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
-        if len(among) < 2:
-            what = f"the motions {network.motions!r} have no transverse waves in this direction"
-            raise InputError(message(what, mend="Name another polarisation, or give a vector"))
-        axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
-        push = np.eye(3)[axis] - along[axis] * along
-        push = push / np.linalg.norm(push)
-    else:
-        known = "longitudinal, transverse, out_of_plane, or a vector"
-        raise InputError(message(f"polarisation is {brief(given)}", mend=f"Use {known}"))
-    if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
-        shown = ", ".join(f"{one:.6g}" for one in push)
-        moves = " and ".join("xyz"[axis] for axis in axes)
-        raise InputError(message(f"balls are pushed along ({shown}), and they move along {moves} only"))
-    return push
-
-
-def _find_sources(course: Course, source: Any) -> Index:
-    """Return the indices of the balls that are pushed."""
+def _find_source(course: Course, source: Any) -> tuple[Index, float]:
+    """Return the indices of the balls that are pushed, and the place from which distances count, m."""
     if isinstance(source, str):
         if source not in ("plane", "ball"):
             raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
         # the first balls behind the beginning; the last ones of the period before may be as near to it
         plane = course.find_plane(float(np.min(course.places[course.network.moving])), "source")
-        return plane if source == "plane" else plane[:1]
+        found = plane if source == "plane" else plane[:1]
+        at_face = source == "plane" and not math.isnan(course.face)
+        return found, course.face if at_face else course.find_place(found)
     balls, count = finite_array("source", source).ravel(), course.network.n_balls
     if np.any(balls != np.rint(balls)) or np.any(balls < 0) or np.any(balls >= count) or len(set(balls)) < balls.size:
         raise InputError(message(f"source is {brief(source)}", f"Balls have the indices 0 to {count - 1}"))
     found = balls.astype(int)
     if still := [int(one) for one in found if not course.network.moving[one]]:
         raise InputError(message(f"ball {still[0]} of the source does not move", "Its mass is infinite"))
-    return found
-
-
-def _require_reachable(operator: WaveOperator, hertz: float) -> None:
-    """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above all modes of the network."""
-    from scipy.sparse.linalg import eigsh
-
-    squared = (2.0 * np.pi * hertz) ** 2
-    if squared <= _SURE * operator.top**2 and not operator.network.prestress:
-        return
-    if operator.size > 2:
-        start = np.random.default_rng(0).normal(size=operator.size)
-        (top,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)
-    else:
-        top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
-    if squared <= top * (1.0 + 1e-6):
-        return
-    raise _explain_unreachable(hertz, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
+    return found, course.find_place(found)
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
@@ -340,37 +351,3 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
         why = f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}"
         mend = "Use a higher frequency, fewer cycles, or a shorter distance or duration"
         raise InputError(message(what, why, mend))
-
-
-def _require_room(period: float, length: float, velocity: float, burst: ToneBurst) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if a periodic network has no room for a burst and its flight.
-
-    The pulse that runs the other way round is to come only when the one that is heard is over.
-    """
-    needed = 2.0 * length + velocity * burst.duration
-    if needed > period:
-        room = period - velocity * burst.duration
-        nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
-        times = ((period - length) / velocity, burst.duration, length / velocity)
-        end, pushed, flight = (write_quantity(one, "s", 3) for one in times)
-        what = f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over"
-        why = f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m long"
-        array = f"an array of {needed:.4g} m along the direction, fewer cycles, a higher frequency, or ends: free"
-        raise InputError(message(what, why, f"Use {nearer}{array}"))
-
-
-def _estimate_velocities(network: ContactNetwork, along: Array, push: Array) -> Array:
-    """Return the velocities (2,) of long waves if balls moved in proportion, m/s: along ``push``, and the greatest of all.
-
-    Those of the network are not faster.
-    """
-    axes = list(network.ball_motions.translations)
-    way, n = (network.vector @ along) ** 2, network.normal[:, axes]
-    tensor = np.einsum("c,ci,cj->ij", (network.normal_stiffness - network.shear_stiffness) * way, n, n)
-    tensor += np.eye(len(axes)) * float(np.sum(network.shear_stiffness * way))
-    mass = float(np.sum(network.masses[network.moving]))
-    own = float(push[axes] @ tensor @ push[axes])
-    if not own > 0.0:
-        what = "no contact resists this polarisation in this direction"
-        raise InputError(message(what, "Waves of it cost no energy", "Use friction, or another polarisation"))
-    return np.sqrt(np.array([own, float(np.linalg.eigvalsh(tensor)[-1])]) / mass)

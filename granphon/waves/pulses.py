@@ -96,8 +96,7 @@ def find_arrivals(
                 low, middle, high = found[place - 1 : place + 2]
                 shifts[-1] = place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
     else:
-        find = _find_maximum if method == "envelope" else _find_beginning
-        start, *arrived = (find(one, threshold) for one in find_envelope(np.vstack([sent, signals])))
+        start, *arrived = (_read(one, method, threshold) for one in find_envelope(np.vstack([sent, signals])))
         shifts = [one - start for one in arrived]
     reasons = []
     for signal, shift in zip(signals, shifts, strict=True):
@@ -113,49 +112,23 @@ def find_arrivals(
     return found, reasons
 
 
-def find_delay(times: Array, signal: Array, hertz: float, middle: float, reach: float) -> float:
-    """Return the group delay of a ``signal`` (n_t,) at one frequency, s: -d phase / d omega of its Fourier integral.
-
-    It counts what comes within ``reach`` of the time ``middle``, s, fading out over the last third.
-    """
-    gate = _make_gate(times, middle, reach)
-    turned = signal * gate * np.exp(-2j * np.pi * hertz * (times - middle))
-    whole = np.sum(turned)
-    return middle + float(np.real(np.sum((times - middle) * turned) / whole)) if abs(whole) > 0.0 else np.nan
-
-
-def find_share(times: Array, signal: Array, sent: Array, hertz: float, middle: float, reach: float) -> float:
-    """Return how much of the burst's own frequency is left in a ``signal`` (n_t,), over the most that is left of any other.
-
-    It is 1 where waves of all frequencies travel alike. What counts is as in :func:`find_delay`.
-    """
-    wave = np.exp(-2j * np.pi * hertz * times)
-
-    def compare(trace: Array) -> float:
-        most = float(np.max(np.abs(np.fft.rfft(trace, 2 * trace.size))))
-        return abs(complex(trace @ wave)) / most
-
-    return compare(signal * _make_gate(times, middle, reach)) / compare(sent)
-
-
-def _make_gate(times: Array, middle: float, reach: float) -> Array:
-    """Return weights (n_t,): 1 within two thirds of ``reach`` of the time ``middle``, falling to 0 over the rest."""
-    return np.asarray(np.clip(3.0 * (1.0 - np.abs(times - middle) / reach), 0.0, 1.0))
-
-
-def _find_top(envelope: Array) -> int | None:
-    """Return the index of the first maximum that has half the height of the greatest value; None if none has."""
+def _read(envelope: Array, method: str, threshold: float) -> float:
+    """Return where an envelope is highest, or first has the part ``threshold`` of that, in readings, or nan."""
+    # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
     peaks = 1 + np.flatnonzero((inner > envelope[:-2]) & (inner >= envelope[2:]))
     high = peaks[envelope[peaks] >= _HALF * np.max(envelope)]
-    return int(high[0]) if high.size else None
-
-
-def _find_maximum(envelope: Array, threshold: float) -> float:
-    """Return where the parabola has its top that fits the envelope where it is near its maximum."""
-    place = _find_top(envelope)
-    if place is None:
+    if not high.size:
         return np.nan
+    place = int(high[0])
+    if method == "first":
+        level = threshold * envelope[place]
+        begin = int(np.argmax(envelope[: place + 1] >= level))
+        if begin == 0:
+            return 0.0
+        before, after = envelope[begin - 1 : begin + 1]
+        return begin - 1 + float((level - before) / (after - before))
+    # the top of the parabola that fits the envelope where it is near its maximum
     low = np.flatnonzero(envelope < _NEAR * envelope[place])
     split = int(np.searchsorted(low, place))
     first = min(place - 1, int(low[split - 1]) + 1 if split else 0)
@@ -165,18 +138,6 @@ def _find_maximum(envelope: Array, threshold: float) -> float:
     weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))
     curve, slope, _ = np.polyfit(np.arange(first, last + 1) - place, near, 2, w=weight)
     return float(np.clip(place - 0.5 * slope / curve, first, last))
-
-
-def _find_beginning(envelope: Array, threshold: float) -> float:
-    top = _find_top(envelope)
-    if top is None:
-        return np.nan
-    level = threshold * envelope[top]
-    place = int(np.argmax(envelope[: top + 1] >= level))
-    if place == 0:
-        return 0.0
-    before, after = envelope[place - 1 : place + 1]
-    return place - 1 + float((level - before) / (after - before))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -332,10 +293,21 @@ class Pulse(Result):
             duration = self.cycles / self.frequency
             middle = time + 0.5 * duration
             reach = min(_REACH * duration, time + self.echo / float(self.fastest[0]) - middle)
-            # of the burst, which is even about its middle, the delay is that middle
-            error = abs(find_delay(self.times, self.coherent, hertz, middle, reach) - middle)
-            share = find_share(self.times, self.coherent, self.sent, hertz, middle, reach)
-            if share < _LEAST_SHARE or not error < _UNKNOWN * time:
+            # what comes there counts, fading out over the last third
+            after = self.times - middle
+            gated = self.coherent * np.clip(3.0 * (1.0 - np.abs(after) / reach), 0.0, 1.0)
+            # the group delay at the frequency of the burst, -d phase / d omega of the Fourier integral; of the burst, which
+            # is even about its middle, it is that middle
+            turned = gated * np.exp(-2j * np.pi * hertz * after)
+            whole = np.sum(turned)
+            error = abs(float(np.real(np.sum(after * turned) / whole))) if abs(whole) > 0.0 else math.nan
+            # how much of that frequency is left, over the most of any other: as in the burst if all travel alike
+            wave = np.exp(-2j * np.pi * hertz * self.times)
+            left, given = (
+                abs(complex(trace @ wave)) / float(np.max(np.abs(np.fft.rfft(trace, 2 * trace.size))))
+                for trace in (gated, self.sent)
+            )
+            if left / given < _LEAST_SHARE or not error < _UNKNOWN * time:
                 why = (
                     f"what arrives are other waves of the burst than those of its frequency, {hertz:.6g} Hz, which are "
                     "held back more than these: use another frequency, such as one of a band, more cycles, or a shorter "

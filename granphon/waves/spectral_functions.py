@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,13 +30,6 @@ _SAME = 1e-9
 _ALIKE = 0.02
 
 
-class Lines(NamedTuple):
-    """The ``peak`` (n,) of each spectrum, Hz, and the full ``width`` (n,) at half its height, Hz."""
-
-    peak: Array
-    width: Array
-
-
 def find_mean_free_path(velocity: Array, width: Array) -> Array:
     """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite where that is zero."""
     found = np.full(np.shape(width), math.inf)
@@ -52,46 +44,33 @@ def find_attenuation(velocity: Array, width: Array) -> Array:
     return found
 
 
-def find_lines(kernel: Kernel, values: Array) -> Lines:
-    """Return the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the points of ``kernel``."""
-    found = [_find_line(kernel, row) for row in values]
-    return Lines(np.array([one[0] for one in found]), np.array([one[1] for one in found]))
+def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
+    """Return the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the points of ``kernel``.
 
-
-def _find_line(kernel: Kernel, row: Array) -> tuple[float, float]:
-    """Return the peak and the full width at half maximum of one spectrum.
-
-    Between points, which are even in theta, the logarithm is a parabola at the peak and a straight line on the flanks: both
-    are right for a Gaussian, as the kernel is one. The spectrum goes on evenly below zero.
+    It is the ``peak`` (n,), Hz, and the full ``width`` (n,) at half its height, Hz. Between points, which are even in theta,
+    the logarithm is a parabola at the peak and a straight line on the flanks: both are right for a Gaussian, as the kernel
+    is one. The spectrum goes on evenly below zero.
     """
-    tiny = np.finfo(float).tiny
-    n = int(np.argmax(row))
-    log = np.log(np.maximum(row, tiny))
-    step, place, height = math.pi / (2 * kernel.count - 1), float(n), float(log[n])
-    if n < kernel.count - 1:
-        left, right = float(log[abs(n - 1)]), float(log[n + 1])
-        curved = left - 2.0 * height + right
-        shift = 0.0 if curved >= 0.0 else 0.5 * (left - right) / curved
-        place += shift
-        height -= 0.25 * (left - right) * shift
-    peak = kernel.top * math.sin(step * place)
-    low = height - math.log(2.0)
-    sides = [
-        abs(kernel.top * math.sin(step * fall) - peak)
-        for fall in (_find_fall(log, n, -1, low), _find_fall(log, n, 1, low))
-        if fall is not None
-    ]
-    return peak, sum(sides) if len(sides) == 2 else 2.0 * sides[0]
-
-
-def _find_fall(log: Array, n: int, way: int, low: float) -> float | None:
-    """Return the place, in points, where ``log`` falls to ``low`` on the ``way`` from n, 1 or -1; None if it does not."""
-    side = log[n:] if way > 0 else log[n::-1]
-    under = np.flatnonzero(side < low)
-    if not under.size:
-        return None
-    k = int(under[0])
-    return n + way * float(k - 1 + (side[k - 1] - low) / (side[k - 1] - side[k]))
+    step, peaks, widths = math.pi / (2 * kernel.count - 1), np.zeros(len(values)), np.zeros(len(values))
+    for number, row in enumerate(values):
+        n, log = int(np.argmax(row)), np.log(np.maximum(row, np.finfo(float).tiny))
+        place, height = float(n), float(log[n])
+        if n < kernel.count - 1:
+            left, right = float(log[abs(n - 1)]), float(log[n + 1])
+            curved = left - 2.0 * height + right
+            shift = 0.0 if curved >= 0.0 else 0.5 * (left - right) / curved
+            place += shift
+            height -= 0.25 * (left - right) * shift
+        peaks[number] = peak = kernel.top * math.sin(step * place)
+        low, sides = height - math.log(2.0), list[float]()
+        for way, flank in ((-1, log[n::-1]), (1, log[n:])):  # where each flank falls to half the height, if it does
+            under = np.flatnonzero(flank < low)
+            if under.size:
+                k = int(under[0])
+                fall = n + way * float(k - 1 + (flank[k - 1] - low) / (flank[k - 1] - flank[k]))
+                sides.append(abs(kernel.top * math.sin(step * fall) - peak))
+        widths[number] = sum(sides) if len(sides) == 2 else 2.0 * sides[0]
+    return peaks, widths
 
 
 def true_width(seen: Array, kernel: Array) -> Array:
@@ -124,7 +103,7 @@ def find_ioffe_regel(wavenumber: Array, peak: Array, width: Array, product: floa
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpectralFunction(Refinable["_PlaneWaves"], Result):
+class SpectralFunction(Refinable["PlaneWaves"], Result):
     """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s the wave of norm one.
 
     It is exact for the network but for the kernel, which broadens each line. A plane wave that is no mode of the network
@@ -179,18 +158,18 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     # -- lines ----------------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _lines(self) -> Lines:
+    def _lines(self) -> tuple[Array, Array]:
         return find_lines(self._kernel, self.values)
 
     @cached_property
     def _kernel_width(self) -> Array:
         """(n,) the full width at half maximum that the kernel alone gives to a line at each peak, Hz."""
-        return find_lines(self._kernel, self._kernel.line(self.peak)).width
+        return find_lines(self._kernel, self._kernel.line(self.peak))[1]
 
     @property
     def peak(self) -> Array:
         """(n,) frequency of the highest maximum, Hz: the dispersion of the coherent wave."""
-        return self._lines.peak
+        return self._lines[0]
 
     @cached_property
     def width(self) -> Array:
@@ -200,7 +179,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         the kernel has the width zero. See :attr:`resolved`. Where the line falls to half its height on one side alone, the
         width is twice the half width of that side.
         """
-        return true_width(self._lines.width, self._kernel_width)
+        return true_width(self._lines[1], self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
@@ -258,6 +237,8 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         Raises :class:`~granphon.base.errors.InputError` if wave vectors or polarisations differ, or resolutions by more
         than 2 %: give all of them the same ``resolution``.
         """
+        from scipy.interpolate import CubicSpline
+
         if not found:
             raise InputError(message("there are no spectral functions to average"))
         first = max(found, key=lambda one: one.top)
@@ -270,36 +251,30 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
             if abs(one.resolution - first.resolution) > _ALIKE * first.resolution:
                 what = f"the spectral functions have resolutions of {one.resolution:.6g} and {first.resolution:.6g} Hz"
                 raise InputError(message(what, mend="Give all of them the same resolution"))
-        values = np.mean([one._at(first.frequencies) for one in found], axis=0)
+        points, every = first.frequencies, list[Array]()
+        for one in found:  # zero from its ``top`` on
+            if np.array_equal(points, one.frequencies):
+                every.append(one.values)
+            else:
+                spline = CubicSpline(one.frequencies, one.values, axis=1)
+                every.append(np.where(points <= one.frequencies[-1], spline(points), 0.0))
+        values = np.mean(every, axis=0)
         return replace(first, values=values / first._kernel.integral(values)[:, None])
-
-    def _at(self, frequencies: Array) -> Array:
-        """Return the values (n, m) at other frequencies, interpolated, and zero from ``top`` on."""
-        from scipy.interpolate import CubicSpline
-
-        if np.array_equal(frequencies, self.frequencies):
-            return self.values
-        found = CubicSpline(self.frequencies, self.values, axis=1)(frequencies)
-        return np.where(frequencies <= self.frequencies[-1], found, 0.0)
 
     def _refine(self, resolution: float | None, moments: int | None) -> SpectralFunction:
         return self._known_work().find(Kernel.of(self.top, resolution, moments).moments)
 
 
-def find_spectral_function(
-    operator: WaveOperator, q: ArrayLike, polarisation: str | ArrayLike, direction: ArrayLike | None,
-    resolution: float | None, moments: int | None,
-) -> SpectralFunction:  # fmt: skip
-    """Return A(q, f); see :meth:`granphon.waves.waves.Waves.spectral_function`."""
-    kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
-    return _PlaneWaves(operator, read_wavevectors(operator.network, q), polarisation, direction).find(kernel.moments)
+class PlaneWaves:
+    """Moments of plane waves: of the cosine and the sine of each polarisation, which add up.
 
+    The arguments are those of :meth:`granphon.waves.waves.Waves.spectral_function`.
+    """
 
-class _PlaneWaves:
-    """Moments of plane waves: of the cosine and the sine of each polarisation, which add up."""
-
-    def __init__(self, operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None) -> None:
-        self._operator, self._q = operator, q
+    def __init__(
+        self, operator: WaveOperator, q: ArrayLike, polarisation: str | ArrayLike, direction: ArrayLike | None
+    ) -> None:
+        self._operator, self._q = operator, (q := read_wavevectors(operator.network, q))
         word = isinstance(polarisation, str)
         if word and polarisation == "longitudinal" and direction is not None and np.all(np.any(q, axis=1)):
             what = "a direction is given for a longitudinal wave, which moves along q"

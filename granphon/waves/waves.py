@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property, wraps
 from inspect import signature
@@ -10,17 +11,20 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import counted
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import find_network_warnings
-from granphon.waves.dos import SpectralDensity, find_dos
+from granphon.waves.chebyshev import Kernel
+from granphon.waves.dos import MOST_MOMENTS, AllModes, RandomVectors, SpectralDensity
+from granphon.waves.eigenproblem import DENSE
 from granphon.waves.modes import NetworkModes, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.plane_waves import nearest_wavevectors
 from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse
-from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
+from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
@@ -65,7 +69,18 @@ class Waves:
     """
 
     def __init__(self, source: Any) -> None:
-        self.network = _find_network(source)
+        found = source if isinstance(source, ContactNetwork) else getattr(source, "network", None)
+        find = getattr(getattr(source, "calc", None), "contact_network", None)
+        if not isinstance(found, ContactNetwork):
+            found = find(source) if find is not None else None
+        if found is None and hasattr(source, "contact_network") and hasattr(source, "packing"):
+            several = "" if not source.samples else ", or one of its samples, as in gp.Waves(state.samples[0])"
+            mend = f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}"
+            raise InputError(message("a state is of a lattice without end", "Waves are of an array of some cells", mend))
+        if found is None:
+            mend = "Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin"
+            raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
+        self.network: ContactNetwork = found
 
     def __repr__(self) -> str:
         network, motions = self.network, self.network.ball_motions
@@ -110,7 +125,11 @@ class Waves:
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
         nan. Memory is that of D and of about six vectors, whatever the numbers.
         """
-        return find_dos(self._stable_operator, resolution, moments, vectors, seed)
+        operator = self._stable_operator
+        vectors, seed = whole_number("vectors", vectors, 1, MOST_MOMENTS), whole_number("seed", seed, 0)
+        kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+        work = AllModes(operator, seed) if operator.size <= DENSE else RandomVectors(operator, seed, vectors)
+        return work.find(kernel.moments, vectors)
 
     def spectral_function(
         self, q: ArrayLike, polarisation: str | ArrayLike = "longitudinal", resolution: float | None = None, *,
@@ -134,7 +153,9 @@ class Waves:
         one, and for a polarisation in which balls do not move;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        return find_spectral_function(self._stable_operator, q, polarisation, direction, resolution, moments)
+        operator = self._stable_operator
+        kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+        return PlaneWaves(operator, q, polarisation, direction).find(kernel.moments)
 
     def modes(self, count: int = 10, nearest: float | None = None) -> NetworkModes:
         """Return the lowest modes, or those nearest to a frequency, without those that cost no energy, which are counted.
@@ -210,22 +231,3 @@ class Waves:
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
         return transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
-
-
-def _find_network(source: Any) -> ContactNetwork:
-    """Return the network of a source, which is one, has one, or is Atoms whose calculator knows it."""
-    if isinstance(source, ContactNetwork):
-        return source
-    found = getattr(source, "network", None)
-    if isinstance(found, ContactNetwork):
-        return found
-    find = getattr(getattr(source, "calc", None), "contact_network", None)
-    if find is not None:
-        network: ContactNetwork = find(source)
-        return network
-    if hasattr(source, "contact_network") and hasattr(source, "packing"):
-        several = "" if not source.samples else ", or one of its samples, as in gp.Waves(state.samples[0])"
-        mend = f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}"
-        raise InputError(message("a state is of a lattice without end", "Waves are of an array of some cells", mend))
-    mend = "Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin"
-    raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))

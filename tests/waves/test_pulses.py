@@ -17,8 +17,9 @@ from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
-from granphon.waves.pulse_source import PulseSource
+from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse, average_pulses, find_arrivals
+from granphon.waves.settings import PulseSettings
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -305,6 +306,18 @@ def test_pulses_of_several_samples_have_one_coherent_part():
     assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
     with pytest.raises(InputError, match="pulses differ in frequency"):
         average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
+
+
+@pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
+def test_the_default_distance_leads_to_the_same_plane_in_all_samples(ends):
+    """Half of a length lies as far from one plane as from the next, and samples of the exact geometry differ a little."""
+    packing, found = gp.Packing(STEEL, 8e-3, gp.Uniform(8e-5)), []
+    for seed in (1, 2, 3):
+        sample = gp.DirectSimulation(packing, (4, 12), seed=seed, geometry="exact").at_force(20.0).sample
+        network = replace(sample.network, prestress=False)
+        found.append(transmit(network, PulseSource.of(PulseSettings(4e4, cycles=1.0, ends=ends), network, (0, 1))))
+    assert len({tuple(one.receivers) for one in found}) == 1
+    assert average_pulses(found).distance == pytest.approx(np.mean([one.distance for one in found]))
 
 
 def test_open_network_has_the_ends_that_it_has():
