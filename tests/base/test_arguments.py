@@ -19,6 +19,10 @@ from granphon.base.errors import InputError, brief, message
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
+ENDLESS = [1.0]
+ENDLESS.append(ENDLESS)
+TWICE = []
+TWICE += [TWICE, TWICE]
 
 
 @pytest.mark.parametrize(
@@ -46,33 +50,26 @@ def test_an_array_of_floats_is_not_copied():
     assert real_array("x", values) is values
 
 
+#: what is refused, and how the words go on after "x: found "
 REFUSED = [
-    (1j, "x: found 1j, which is complex; allowed: a real number or an array of them."),
-    (np.array([1.0, 2.0 + 0j]), "x: found .*, which is complex"),
-    ([1.0, 0.5j], "x: found .*, which is complex"),
-    (np.array([1j, 2], object), "x: found .*, which is complex"),
-    (MASKED, r"x: found masked_array\(.*, which has masked entries; .*Leave them out"),
-    (np.ma.masked, "x: found .*, which has masked entries"),
-    ([1.0, np.ma.masked], "x: found .*, which has masked entries"),
-    ([[1.0, 2.0], MASKED], "x: found .*, which has masked entries"),
-    ("1", "x: found '1'; allowed: a real number or an array of them"),
-    (["1", "2"], "x: found"),
-    ([None], "x: found"),
-    (None, "x: found None"),
-    (True, "x: found True"),
-    (np.array([True]), "x: found"),
-    (np.array([1.0, True], object), "x: found"),
-    (np.array(["2020"], "M8[Y]"), "x: found"),
-    ([[1.0], [1.0, 2.0]], "x: found"),
-    (10**400, "x: found a whole number of about 401 digits, which is too large"),
-    ([1, 10**5000], "x: found a list with a number that is too large"),
-    (Fraction(10**400, 3), "x: found Fraction.*, which is too large; allowed: what double precision can hold"),
-]
+    (1j, "1j, which is complex; allowed: a real number or an array of them."),
+    (np.array([1.0, 2.0 + 0j]), ".*, which is complex"), ([1.0, 0.5j], ".*, which is complex"),
+    (np.array([1j, 2], object), ".*, which is complex"),
+    (MASKED, r"masked_array\(.*, which has masked entries; .*Leave them out"),
+    *((masked, ".*, which has masked entries") for masked in (np.ma.masked, [1.0, np.ma.masked], [[1.0, 2.0], MASKED])),
+    ("1", "'1'; allowed: a real number or an array of them"), (None, "None"), (True, "True"),
+    *((wrong, "") for wrong in (["1", "2"], [None], np.array([True]), np.array([1.0, True], object))),
+    (np.array(["2020"], "M8[Y]"), ""), ([[1.0], [1.0, 2.0]], ""),
+    (10**400, "a whole number of about 401 digits, which is too large"),
+    ([1, 10**5000], "a list with a number that is too large"),
+    (Fraction(10**400, 3), "Fraction.*, which is too large; allowed: what double precision can hold"),
+    (ENDLESS, "a list nested more than 64 levels deep"), (TWICE, "a list nested more than 64 levels deep"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("values", "words"), REFUSED)
 def test_what_is_no_real_number_is_refused_and_nothing_else_said(values, words):
-    with pytest.raises(InputError, match=f"(?s)^{words}") as error:
+    with pytest.raises(InputError, match=f"(?s)^x: found {words}") as error:
         real_array("x", values)
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 300
@@ -132,19 +129,17 @@ FIT = gp.fit_width(BALLS, FORCE, SPEED)
 def test_every_border_refuses_what_it_cannot_take(call, pair):
     call(pair)
     call(np.array(pair))
-    for wrong in (
-        np.array(pair) * (1.0 + 0.1j),
-        np.ma.array(pair, mask=[False, True]),
-        [pair[0], np.ma.masked],
-        [10**400, pair[1]],
-        [str(number) for number in pair],
-    ):
+    wrongs = [np.array(pair) * (1.0 + 0.1j), np.ma.array(pair, mask=[False, True]), [pair[0], np.ma.masked]]
+    for wrong in (*wrongs, [10**400, pair[1]], [str(number) for number in pair]):
         with (
             warnings.catch_warnings(record=True) as said,
             pytest.raises(InputError, match=r"complex|masked|large|; allowed: "),
         ):
             call(wrong)
         assert not said
+    for endless in (ENDLESS, TWICE):
+        with pytest.raises(InputError):
+            call(endless)
 
 
 @pytest.mark.parametrize("shape", [(3,), (2, 3), (4, 1)])
@@ -158,10 +153,6 @@ def test_wave_vectors_are_pairs(shape):
 
 # -- single numbers, names, states ----------------------------------------------------------------------------------
 
-ENDLESS = [1.0]
-ENDLESS.append(ENDLESS)
-TWICE = []
-TWICE += [TWICE, TWICE]
 #: what is no positive real number, though float() takes some of it, and NumPy's classes of numbers some more
 NO_NUMBERS = [
     "1", b"1", "8e-3", True, np.True_, None, 1j, np.nan, np.inf, -1.0, np.float16(np.inf), np.ma.masked, 10**400,
@@ -214,15 +205,6 @@ def test_a_law_beyond_double_precision_is_refused():
         HertzLaw.between(gp.Material(1e308, -0.999999, 1.0), 1e300)
 
 
-@pytest.mark.parametrize("endless", [ENDLESS, TWICE], ids=["once", "twice"])
-@pytest.mark.parametrize("call", [call for call, _ in BORDERS.values()], ids=BORDERS)
-def test_a_list_that_contains_itself_is_refused(call, endless):
-    with pytest.raises(InputError):
-        call(endless)
-    with pytest.raises(InputError, match="nested more than 64 levels deep"):
-        real_array("x", endless)
-
-
 TAKES_A_STATE = {
     "sound_velocities": gp.sound_velocities,
     "moduli": gp.moduli,
@@ -242,18 +224,7 @@ def test_what_is_no_state_is_refused(call):
             call(wrong)
 
 
-NO_NAMES = (
-    1,
-    None,
-    1.5,
-    object(),
-    {},
-    np.array(["a", "b"]),
-    [["width"]],
-    [1],
-    b"width",
-    ENDLESS,
-)
+NO_NAMES = 1, None, 1.5, object(), {}, np.array(["a", "b"]), [["width"]], [1], b"width", ENDLESS
 TAKES_A_NAME = {
     "local_field": lambda name: gp.EffectiveMedium(BALLS, name),
     "branch": lambda name: gp.fit_width(BALLS, FORCE, SPEED, branch=name),

@@ -68,60 +68,42 @@ def results(packing):
     }
 
 
-NAMES = [
-    "velocities", "velocities over loads", "velocities with warnings", "moduli", "moduli over loads", "moduli with warnings",
-    "pulses", "pulses over loads", "one pulse", "modes", "modes without friction", "modes of three balls", "state", "states",
-    "validity", "validity over loads", "check",
-]  # fmt: skip
+def test_round_trip_through_json(results):
+    for result in results.values():
+        data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+        assert data["class"] == type(result).__name__
+        assert data["schema"] == type(result)._schema
+        assert data["units"] == dict(type(result).units)
+        same(type(result).from_dict(data), result)
+        same(type(result).from_dict(result.to_dict()), result)
+    moduli = results["moduli over loads"]
+    again = Moduli.from_dict(json.loads(json.dumps(moduli.to_dict())))
+    assert_array_equal([again.bulk, again.shear], [moduli.bulk, moduli.shear])
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_round_trip_through_json(results, name):
-    result = results[name]
-    data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    assert data["class"] == type(result).__name__
-    assert data["schema"] == type(result)._schema
-    assert data["units"] == dict(type(result).units)
-    same(type(result).from_dict(data), result)
-    same(type(result).from_dict(result.to_dict()), result)
+def test_results_are_frozen_and_their_arrays_read_only(results):
+    for result in results.values():
+        again = type(result).from_dict(result.to_dict())
+        for name in (field.name for field in dataclasses.fields(result)):
+            with pytest.raises(dataclasses.FrozenInstanceError):
+                setattr(result, name, 0.0)
+            for value in (getattr(result, name), getattr(again, name)):
+                if isinstance(value, np.ndarray):
+                    with pytest.raises(ValueError, match="read-only"):
+                        value.flat[0] = 0.0
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_results_are_frozen_and_their_arrays_read_only(results, name):
-    result = results[name]
-    for field in dataclasses.fields(result):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(result, field.name, 0.0)
-        value = getattr(result, field.name)
-        if isinstance(value, np.ndarray):
-            with pytest.raises(ValueError, match="read-only"):
-                value.flat[0] = 0.0
-        restored = getattr(type(result).from_dict(result.to_dict()), field.name)
-        if isinstance(restored, np.ndarray):
-            assert not restored.flags.writeable
+VELOCITIES = "longitudinal", "transverse", "longitudinal_error", "transverse_error"
+MODULI = "tensor", "bulk", "shear"
 
 
 @pytest.mark.parametrize(
     ("cls", "units"),
     [
-        (
-            SoundVelocities,
-            dict.fromkeys(
-                [
-                    "longitudinal",
-                    "transverse",
-                    "longitudinal_error",
-                    "transverse_error",
-                    "out_of_plane",
-                    "twist",
-                    "velocities",
-                ],
-                "m/s",
-            ),
-        ),
+        (SoundVelocities, dict.fromkeys([*VELOCITIES, "out_of_plane", "twist", "velocities"], "m/s")),
         (
             Moduli,
-            dict.fromkeys(["tensor", "bulk", "shear", "shears", "bulk_error", "shear_error", "tensor_error"], "Pa")
+            dict.fromkeys([*MODULI, "shears", "bulk_error", "shear_error", "tensor_error"], "Pa")
             | {"anisotropy_error": "1"},
         ),
         (AveragedModuli, {"bulk": "Pa", "shear": "Pa"}),
@@ -145,12 +127,6 @@ def test_scalars_are_floats(results):
         for field in fields:
             assert isinstance(getattr(results[name], field), float)
     assert type(results["pulses"].frequency) is float
-
-
-def test_moduli_come_back_with_bulk_and_shear(results):
-    again = Moduli.from_dict(json.loads(json.dumps(results["moduli over loads"].to_dict())))
-    assert_array_equal(again.bulk, results["moduli over loads"].bulk)
-    assert_array_equal(again.shear, results["moduli over loads"].shear)
 
 
 def test_data_of_another_class_or_schema_or_incomplete(results):
@@ -317,13 +293,6 @@ def test_arrays_where_names_and_digests_belong_are_refused(results, wrong):
         with pytest.raises(InputError) as error:
             gp.ContactState.from_dict(bare | part)
         assert "\n" not in str(error.value)
-
-
-def test_state_comes_back_whole(results):
-    again = gp.ContactState.from_dict(json.loads(json.dumps(results["state"].to_dict())))
-    assert again.packing == results["state"].packing
-    assert again.law == results["state"].law
-    assert gp.sound_velocities(again).longitudinal == gp.sound_velocities(results["state"]).longitudinal
 
 
 def test_state_on_a_lattice_of_ones_own_comes_back(steel):
