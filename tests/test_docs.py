@@ -28,7 +28,7 @@ import sys
 import tokenize
 import warnings
 from collections.abc import Iterator
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from decimal import Decimal
 from importlib import import_module
 from pathlib import Path
@@ -96,38 +96,23 @@ def flat(value: Any) -> list[float]:
     return np.asarray(value, float).ravel().tolist()
 
 
-def mismatch(value: Any, comment: str) -> str | None:
-    """What is wrong with a comment on a value; None if nothing is."""
+def check(value: Any, comment: str) -> Iterator[str | None]:
+    """What is wrong with a comment on a value, None if nothing is; nothing of a comment that states no value."""
     numbers = _NUMBERS.match(comment)
-    if numbers is None:
-        said, value = literal(comment), value.item() if isinstance(value, np.generic) else value
-        return None if type(said) is type(value) and said == value else f"the comment says {said!r}, the value is {value!r}"
-    printed = re.findall(_NUMBER, numbers[0])
-    values = flat(value)
-    half = [0.5 * 10.0 ** int(Decimal(p).as_tuple().exponent) for p in printed]
-    if len(printed) == len(values) and all(
-        abs(float(p) - v) <= h * (1.0 + 1e-9) for p, v, h in zip(printed, values, half, strict=True)
-    ):
-        return None
-    return f"the comment says {numbers[0]}, the value is {values}"
-
-
-def literal(comment: str) -> Any:
-    """The value that a comment other than a number states."""
-    try:
-        return ast.literal_eval(comment)
-    except (SyntaxError, ValueError):
-        return ast.literal_eval(comment.partition(": ")[0])
-
-
-def states_a_value(comment: str) -> bool:
-    if _NUMBERS.match(comment):
-        return True
-    try:
-        literal(comment)
-    except (SyntaxError, ValueError):
-        return False
-    return True
+    if numbers:
+        printed, values = re.findall(_NUMBER, numbers[0]), flat(value)
+        half = [0.5 * 10.0 ** int(Decimal(p).as_tuple().exponent) * (1.0 + 1e-9) for p in printed]
+        right = len(printed) == len(values)
+        right = right and all(abs(float(p) - v) <= h for p, v, h in zip(printed, values, half, strict=True))
+        yield None if right else f"the comment says {numbers[0]}, the value is {values}"
+        return
+    value = value.item() if isinstance(value, np.generic) else value
+    for text in (comment, comment.partition(": ")[0]):
+        with suppress(SyntaxError, ValueError):
+            said = ast.literal_eval(text)
+            right = type(said) is type(value) and said == value
+            yield None if right else f"the comment says {said!r}, the value is {value!r}"
+            return
 
 
 def run(code: str, names: dict[str, Any], where: str, first: int = 1) -> Iterator[str | None]:
@@ -138,9 +123,7 @@ def run(code: str, names: dict[str, Any], where: str, first: int = 1) -> Iterato
         comment = said.get(statement.end_lineno or 0, "")
         if isinstance(statement, ast.Expr):
             value = eval(compile(ast.Expression(statement.value), place, "eval"), names)
-            if states_a_value(comment):
-                wrong = mismatch(value, comment)
-                yield wrong and f"{place}: {wrong}"
+            yield from (wrong and f"{place}: {wrong}" for wrong in check(value, comment))
         else:
             exec(compile(ast.Module([statement], []), place, "exec"), names)
 
