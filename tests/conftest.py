@@ -110,11 +110,7 @@ class Twin:
             phase = exp(1j * spacing * (q[0] * nx + q[1] * ny))
             for ball, factor, sign in ((i, 1, -1), (j, phase, 1)):
                 for dof in range(3):
-                    ux, uy, phi = (
-                        (factor if dof == 0 else 0),
-                        (factor if dof == 1 else 0),
-                        (factor * root if dof == 2 else 0),
-                    )
+                    ux, uy, phi = (factor * (root if dof == 2 else 1) if dof == one else 0 for one in range(3))
                     along, across = sign * (ux * nx + uy * ny), sign * (ux * tx + uy * ty)
                     slip = across - arm * phi
                     shear = eta * slip - prestress * across
