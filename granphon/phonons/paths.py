@@ -308,7 +308,7 @@ class BandPath:
         if unknown := [name for piece in names for name in piece if name not in known]:
             allowed = f"{', '.join(known)}, such as {letters}, or points in numbers"
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
-        paths = [[known[name].tolist() for name in piece] for piece in names]
+        paths: Any = [[known[name].tolist() for name in piece] for piece in names]
         if any(len(piece) < 2 or any(one == two for one, two in itertools.pairwise(piece)) for piece in paths):
             raise Refused(show(value), f"two different points or more in a row, such as {letters}")
         return cls(paths, tuple(name for piece in names for name in piece))
