@@ -33,9 +33,9 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.left_out import estimate_reduced_force, estimate_spacing, find_spacing
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
-from granphon.media.typical_arrays import estimate_reduced_force, estimate_spacing, find_spacing
 
 Array = NDArray[np.float64]
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days

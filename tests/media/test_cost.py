@@ -11,7 +11,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.media import cost
 from granphon.media.cost import estimate
-from granphon.media.typical_arrays import estimate_reduced_force
+from granphon.media.left_out import estimate_reduced_force
 from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
