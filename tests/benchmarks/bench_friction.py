@@ -17,7 +17,7 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, over
 
 STEPS = 40
 ETA = 0.82
@@ -73,13 +73,12 @@ def paths(repeats: int) -> list[Row]:
         what = f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over the same without friction"
         rows += [
             # equilibria without friction take 0.6 of the time for which the bound was three
-            Row(what, seconds["path"] / seconds["sweep"], "", 5.0, note=against(seconds, "path", "sweep")),
-            Row(f"the same, mu = {mu:g}: over the mean equilibrium without friction at its loads",
-                STEPS * seconds["path"] / seconds["rests"], "", 40.0, note=against(seconds, "path", "rests")),
-            Row(f"the same, mu = {mu:g}: over one equilibrium without friction at a* = 1",
-                seconds["path"] / seconds["rest"], note=against(seconds, "path", "rest")),
+            over(what, seconds, "path", "sweep", 5.0),
+            over(f"the same, mu = {mu:g}: over the mean equilibrium without friction at its loads",
+                seconds, "path", "rests", 40.0, times=STEPS),
+            over(f"the same, mu = {mu:g}: over one equilibrium without friction at a* = 1", seconds, "path", "rest"),
         ]  # fmt: skip
-    rows.append(Row("path without friction: over one equilibrium at a* = 1", seconds["sweep"] / seconds["rest"]))
+    rows.append(over("path without friction: over one equilibrium at a* = 1", seconds, "sweep", "rest"))
     return rows
 
 
