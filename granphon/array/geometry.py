@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import Single, conjugate_gradients, solve_for_motion
+from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
@@ -64,8 +64,11 @@ _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
 #: largest width over diameter: of balls that differ more, some leave their neighbours, and touch others
 LARGEST_RATIO = 0.2
-#: largest number of conjugate-gradient steps in one step of Newton's method
-_MOST_STEPS = 3000
+#: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness times the distance from
+#: equilibrium: where many contacts are open the others do not make a solid, and without it the step would be unbounded
+ADDED_STIFFNESS = 1e-2
+#: fraction by which Newton's method may miss a given mean force, with friction or in the true geometry
+LOAD_TOLERANCE = 1e-12
 
 
 class ReducedLoad(NamedTuple):
@@ -239,7 +242,7 @@ class ExactGeometry:
             found, taken, stable = conjugate_gradients(
                 partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, most or _MOST_STEPS,
+                join(*right), reduction, most or MOST_ITERATIONS,
             )  # fmt: skip
             count += taken
             if stable:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granphon.array import sparse_matrices
 from granphon.array.geometry import ExactPlace, Inverse, Law
-from granphon.array.krylov import Map, Single, conjugate_gradients
+from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
@@ -46,8 +46,6 @@ _NOISE = 1e-14
 #: relative residual of linear responses in the true geometry; the error of a stiffness is its square, without tangential
 #: forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps
-_KEPT = 60
 #: cycles of GMRES after which the matrix is factorised
 _PATIENCE = 4
 #: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
@@ -157,7 +155,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
             yield whole, _MOST_ITERATIONS
             return
         alone = _invert_balls(frame, stiff, tabulate())
-        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * _KEPT
+        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * KEPT
         if matrix is not None and (factors := _factorise(frame, matrix)):
             yield factors, _MOST_ITERATIONS
 
@@ -203,7 +201,7 @@ def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, m
     size = right.size, right.size
     found, failed = gmres(
         LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, atol=floor,
-        restart=_KEPT, maxiter=most // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+        restart=KEPT, maxiter=most // KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
     )  # fmt: skip
     return found, not failed
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
+from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -26,9 +27,6 @@ Array = NDArray[np.float64]
 _FACTORISATIONS = 200
 #: residual force on a ball, over the mean contact force, that rounding may leave
 _FORCE_ROUNDING = 1e-14
-#: stiffness added to each contact in a factorisation, as a fraction of the mean stiffness times the distance from
-#: equilibrium
-_SHIFT = 1e-2
 #: stiffness of the springs that hold motions which nothing else holds, over the largest stiffness
 _HOLDING_STIFFNESS = 1e-12
 #: number of solutions, each for the residual of the one before, that remove the effect of these springs
@@ -138,7 +136,7 @@ class SparseArray:
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
             stiffness = 1.5 * root
-            stiffness += _SHIFT * min(1.0, left) * np.mean(stiffness)
+            stiffness += ADDED_STIFFNESS * min(1.0, left) * np.mean(stiffness)
             entries = self._fill @ stiffness, self._indices, self._starts
             step = factorise(csc_array(entries, shape=(self._size, self._size))).solve(pull[self._d :])
             strain = self._c @ np.concatenate([np.zeros(self._d), step])

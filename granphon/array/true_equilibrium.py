@@ -23,8 +23,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.cages import Cages
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
-from granphon.array.geometry import ExactGeometry, ExactPlace, Inverse, ReducedLoad, find_boundary_force, find_lack
-from granphon.array.interior import approach
+from granphon.array.geometry import (
+    ADDED_STIFFNESS,
+    LOAD_TOLERANCE,
+    ExactGeometry,
+    ExactPlace,
+    Inverse,
+    ReducedLoad,
+    find_boundary_force,
+    find_lack,
+)
+from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.array.preconditioners import Preconditioners
@@ -36,8 +45,6 @@ Array = NDArray[np.float64]
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 _LEAST_TOLERANCE = 1e-13
-#: fraction by which a given mean force may be missed
-_LOAD_TOLERANCE = 1e-12
 #: Newton steps, at most
 _NEWTON_STEPS = 400
 #: trials of a line search, at most
@@ -53,8 +60,6 @@ _ROUNDS = 40
 _OF_LOOSE = 1e-3
 #: force left on a ball after a step, over the most before it, from which the ball counts as loose too
 _FAILED = 0.3
-#: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
-_CLOSE = 1e-9
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
 _ASIDE = 1e-2
 #: largest number of times that balls go down from a saddle
@@ -72,8 +77,6 @@ _FINER = 1e-2
 _FIRST_MOVE = 1e-2
 #: times that this displacement is doubled, at most
 _DOUBLINGS = 6
-#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
-_ADDED_STIFFNESS = 1e-2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,7 +262,7 @@ class _Path:
             if np.any(trial.on_balls[loose]):
                 least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
                 trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
-            if trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE:
+            if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state or self._saddles > _MOST_SADDLES:
                     return state
@@ -272,7 +275,7 @@ class _Path:
     def lead(self) -> TrueEquilibrium:
         """Return the state at rest, to which the interior-point method leads all balls together."""
         force = self._load.force if self._load.overlap is None else None
-        close = min(_CLOSE, _OF_RATIO * self._geometry.ratio)
+        close = min(CLOSE, _OF_RATIO * self._geometry.ratio)
         overlap, balls = self._overlap, self._start.balls
         found = approach(self._geometry, overlap, balls, force, self._inverses, False, close)
         if found:
@@ -280,7 +283,7 @@ class _Path:
             self.newton, self.conjugate = self.newton + newton, self.conjugate + conjugate
         trial = self._try(balls, overlap)
         for _ in range(_NEWTON_STEPS):
-            if trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE:
+            if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state:
                     return state
@@ -317,7 +320,7 @@ class _Path:
         """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
         distance = max(trial.left, trial.missed)
         stiffness = 1.5 * trial.root
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+        stiffness += ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
         weights = self._geometry.weigh(stiffness, trial.forces)
         inverse, most = self._inverses.choose(weights), self._inverses.find_patience(weights)
         for limit in (most, None) if most else (None,):

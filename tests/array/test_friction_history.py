@@ -383,7 +383,7 @@ def test_small_reversals_lose_energy_in_first_order(ratio):
     for change in (1e-3, 5e-4, 2.5e-4):
         state = high
         for sign in (-1.0, 1.0):
-            state = paths.step([state], ReducedLoad(overlap=state.overlap + sign * change))
+            state = paths.stepper.step([state], ReducedLoad(overlap=state.overlap + sign * change))
         lost.append(state.dissipated - high.dissipated)
     assert lost[2] == pytest.approx(0.004 * high.force * 2.5e-4, rel=0.125)
     assert lost[0] / lost[1] == pytest.approx(2.0, rel=0.1)
@@ -521,7 +521,7 @@ def test_in_small_cycles_contacts_stick(ratio):
     assert slide < 0.98 * stick
     met = []
     for change in (1e-4, -1e-4, 1e-4, -1e-4, 1e-4):
-        after = paths.step([state], ReducedLoad(overlap=state.overlap + change))
+        after = paths.stepper.step([state], ReducedLoad(overlap=state.overlap + change))
         met.append((after.force - state.force) / change)
         state = after
     assert 1.001 * slide < met[0] < 0.99 * stick
