@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,18 +81,7 @@ def paths(repeats: int) -> list[Row]:
     return rows
 
 
-def large(repeats: int) -> list[Row]:
-    """256 x 256 balls, once, in seconds of the processor: of other work on the machine it knows less than a clock."""
-    x = draw(256)
-    rows = []
-    for mu in (math.inf, 0.5):
-        start = time.process_time()
-        press(x, mu)
-        rows.append(Row(f"the same of 256 x 256 balls, mu = {mu:g}", time.process_time() - start, "s", 120.0))
-    return rows
-
-
-PARTS: dict[str, Part] = {"paths": paths, "large": large}
+PARTS: dict[str, Part] = {"paths": paths}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the loading with friction", PARTS))

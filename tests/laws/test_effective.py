@@ -173,20 +173,6 @@ def evaluated(curve, y):
 # -- independent solutions ----------------------------------------------------------------------------------------------
 
 
-@every_xi
-@pytest.mark.parametrize(
-    ("shape", "rtol"),
-    [pytest.param(UNIFORM, 1e-11, id="uniform"), pytest.param(NORMAL, 1e-9, id="normal", marks=pytest.mark.exhaustive)],
-)
-def test_against_scipys_radau(shape, rtol, xi):
-    y, f, k = integrated(shape, xi, 4.0 * effective_curve(shape, xi).far.start, rtol)
-    assert f[-1] == pytest.approx(1e-4, rel=1e-6)
-    keep = y < 2.0 * effective_curve(shape, xi).far.start  # below the error of the reference's own start
-    force, stiffness = evaluated(effective_curve(shape, xi), y[keep])
-    np.testing.assert_allclose(force, f[keep], rtol=10.0 * rtol)
-    np.testing.assert_allclose(stiffness, k[keep], rtol=10.0 * rtol)
-
-
 def collocated(shape, xi, low, top, n=90):
     """SceneSource, ends in u and Chebyshev coefficients of f in u on each interval between openings, from f - G(y, f') = 0.
 
