@@ -25,8 +25,8 @@ import numpy as np
 from accuracy import packing, shapes, unit
 from numpy.typing import NDArray
 from scipy.integrate import simpson
-from side_by_side import Part, Row, command_line
-from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
+from side_by_side import Part, Row, bracketed, command_line, measured
+from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
@@ -565,7 +565,7 @@ def widths(repeats: int) -> list[Row]:
         value, error = widths_of(mu)
         own = 1e6 * WIDTH / value
         rows += [
-            Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error)),
+            measured(f"width that the medium finds over the balls' own, {named(mu)}", value, error),
             Row(f"width of balls in which the medium finds {1e6 * WIDTH:g} um, {named(mu)}", own, "um",
                 note=bracketed(own, own * error / value)),
         ]  # fmt: skip
