@@ -111,21 +111,13 @@ class ContactLattice(LongWaves):
         structure = find_lattice(lattice)
         moving = next(iter(allowed_motions(structure.dimension).values())) if motions is None else motions
         twist, roll = not_negative("torsion", torsion), not_negative("bending", bending)
-        return cls._make_of_equal_balls(structure, eta, apart, load, twist, roll, moving)
+        return cls._make_of_equal_balls(structure, moving, (eta, apart, load, twist, roll))
 
     @classmethod
     @lru_cache(maxsize=128)
-    def _make_of_equal_balls(
-        cls,
-        structure: Lattice,
-        mindlin_ratio: float,
-        spacing: float,
-        prestress: float,
-        torsion: float,
-        bending: float,
-        motions: Motions,
-    ) -> ContactLattice:
+    def _make_of_equal_balls(cls, structure: Lattice, motions: Motions, numbers: tuple[float, ...]) -> ContactLattice:
         # cached, because velocities, moduli and validity of one state all start from it; it is never changed
+        mindlin_ratio, spacing, prestress, torsion, bending = numbers
         return cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
             mindlin_ratio, prestress=prestress, torsion=torsion, bending=bending, motions=motions,
