@@ -251,14 +251,6 @@ def test_law_is_that_of_the_samples(medium):
 # -- statistics ---------------------------------------------------------------------------------------------------------
 
 
-def test_what_workers_found_comes_back(spread):
-    with ProcessPoolExecutor(1) as executor:
-        samples = simulate(spread, (4, 6), executor=executor).at_force([5.0, 2.0]).samples
-    assert all("_derivatives" in vars(sample.equilibrium) for sample in samples)
-    assert samples[0].equilibrium.deviations is samples[1].equilibrium.deviations
-    assert samples[0].equilibrium.stencils is samples[1].equilibrium.stencils
-
-
 def test_a_law_is_sent_elsewhere_without_the_samples_that_it_has_found(spread):
     law = simulate(spread, (16, 16)).law
     before = len(pickle.dumps(law))
