@@ -80,6 +80,15 @@ def test_densities_are_means_over_samples_with_random_vectors_of_their_own(done,
         assert float(np.sum(found.dos_total.values[1:] * np.diff(f))) == pytest.approx(3.0, rel=0.02)
 
 
+def test_pulses_are_means_over_samples(done, samples):
+    for at, pair in enumerate(samples):
+        sent = [gp.Waves(one).transmit(8000.0, (0, 1), 0.04, 1.5, ends="free") for one in pair]
+        found = done[1].dataset.isel(load=at, medium=0)
+        mean, error = _mean_and_error([one.velocity for one in sent])
+        np.testing.assert_allclose([found.pulse_velocity, found.pulse_velocity_error], [mean, error], rtol=1e-4)
+        np.testing.assert_allclose(found.time_of_flight, np.mean([one.time_of_flight for one in sent]), rtol=1e-6)
+
+
 def test_quantities_have_units_and_stand_in_tables(done):
     data, folder = done[1].dataset, done[2]
     units = {"line_width": "Hz", "attenuation": "1/m", "mean_free_path": "m", "dos_total": "1/Hz", "pulse_velocity": "m/s"}
