@@ -233,16 +233,17 @@ class ExactGeometry:
         def apply(product: ContactHessian, vector: Array) -> Array:
             return join(*product(*split(vector)))
 
-        count = 0
+        count, limit = 0, most or _MOST_STEPS
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
             found, taken, stable = conjugate_gradients(
                 partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, most or _MOST_STEPS,
+                join(*right), reduction, limit,
             )  # fmt: skip
             count += taken
-            if stable:
+            # with the true sign a system that is hardly stable has no end; a limit that is given is one of patience
+            if stable and (most is not None or taken < limit):
                 break
         return split(found), count
 

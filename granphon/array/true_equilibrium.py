@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about that
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
-_LEAST_TOLERANCE = 1e-13
+_LEAST_TOLERANCE = 1e-12
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
 #: Newton steps, at most
@@ -47,12 +47,21 @@ _LENGTHS = 12
 _MOST_STIFF = 0.8
 #: force of a contact, over the mean, up to which it is light: balls with fewer heavy contacts than hold one are loose
 _LIGHT = 1e-3
-#: largest number of times that loose balls, and then all together, are brought nearer to rest
-_ROUNDS = 40
+#: largest number of times that loose balls, and then all together, are brought nearer to rest; from a saddle, where rounding
+#: alone decides which way to go, the way down takes some ten of them
+_ROUNDS = 150
 #: force that may be left on a loose ball, over the mean, in units of W/d or of what is left on others, if that is less
 _OF_LOOSE = 1e-3
 #: force left on a ball after a step, over the most before it, from which the ball counts as loose too
 _FAILED = 0.3
+#: force left on a ball after a whole step of Newton's method, over the mean, from which the step is not taken; loose balls
+#: that it pushes into others are left with up to about one
+_TOO_FAR = 3.0
+#: relative residual of the equations of a step, at most: with loose ends soft motions are hardly solved for, and come to rest
+#: over many steps more (128 x 128 balls at a* = 0.4: 43 steps with 0.1, 29 with 0.01, 36 with 0.001)
+_INEXACT = 1e-2
+#: length of a step away from a saddle, in steps of Newton's method with the other sign, at most
+_LONGEST = 2.0**10
 #: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
 _CLOSE = 1e-9
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
@@ -265,7 +274,18 @@ class _Path:
                     return state
             before = max(trial.left, trial.missed)
             step = self._find_step(trial, truly=True)
-            trial = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            ahead = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            # away from a saddle, the step with the other sign is as long as the way so far: go on while the energy falls faster
+            length, slope = 2.0, trial.slope(step)
+            while ahead.left <= _TOO_FAR and length <= _LONGEST and ahead.slope(step) < slope:
+                slope, nearer = ahead.slope(step), ahead
+                ahead = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+                length *= 2.0
+                if ahead.slope(step) > slope:
+                    ahead = nearer
+                    break
+            # with the true sign, a step along which there is hardly any curvature has no end
+            trial = ahead if ahead.left <= _TOO_FAR else self._search(trial)
             loose |= trial.on_balls > _FAILED * before
         return None
 
@@ -286,22 +306,7 @@ class _Path:
                     return state
                 if self._saddles > _MOST_SADDLES:
                     break
-            # go along the step as far as the energy falls fast
-            step = self._find_step(trial)
-            first = trial.slope(step)
-            low, high, at_low, length = 0.0, math.inf, first, 1.0
-            for _ in range(_LENGTHS):
-                there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
-                slope = there.slope(step)
-                if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
-                    break
-                if slope > 0.0:
-                    high = length
-                    length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
-                else:
-                    low, at_low = length, slope
-                    length = 0.5 * (low + high)
-            trial = there
+            trial = self._search(trial)
         raise ConvergenceError(
             message(
                 f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
@@ -309,6 +314,24 @@ class _Path:
                 "Raise the load, take fewer balls, or the directions of the lattice (geometry: lattice)",
             )
         )
+
+    def _search(self, trial: _Trial) -> _Trial:
+        """Return the state after a step of Newton's method, as far along it as the energy falls fast."""
+        step = self._find_step(trial)
+        first = trial.slope(step)
+        low, high, at_low, length = 0.0, math.inf, first, 1.0
+        for _ in range(_LENGTHS):
+            there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+            slope = there.slope(step)
+            if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
+                break
+            if slope > 0.0:
+                high = length
+                length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
+            else:
+                low, at_low = length, slope
+                length = 0.5 * (low + high)
+        return there
 
     def _try(self, balls: Array, overlap: float) -> _Trial:
         return _Trial(self._geometry.place(balls, overlap), self._load)
@@ -323,7 +346,7 @@ class _Path:
         for limit in (most, None) if most else (None,):
             step, conjugate = self._geometry.solve(
                 trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverse,
-                min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)),
+                min(_INEXACT, max(math.sqrt(distance), 0.3 * self._tolerance / distance)),
                 self._load.overlap is None, truly, limit,
             )  # fmt: skip
             self._inverses.count(conjugate)
