@@ -26,8 +26,9 @@ from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibriu
 from granphon.array.geometry import ExactGeometry, ExactPlace, Inverse, ReducedLoad, find_boundary_force, find_lack
 from granphon.array.interior import approach
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
-from granphon.array.preconditioners import Preconditioners
+from granphon.array.linear_response import ActingForces, compose_hessian, find_elastic_tensor, find_motions
+from granphon.array.preconditioners import MOST_BALLS, Preconditioners
+from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -157,6 +158,8 @@ class TrueEquilibrium(Equilibrium):
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
 
         product = self.place.multiply(acting.springs, acting.forces)
+        if self._is_surely_stable(acting):
+            return None, 0
 
         def apply(vector: Array) -> Array:
             motion = Motion(vector.reshape(self.balls.shape), 0.0)
@@ -173,6 +176,26 @@ class TrueEquilibrium(Equilibrium):
             apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, _PROBE_STEPS
         )
         return (down[0] if down else None), taken
+
+    def _is_surely_stable(self, acting: ActingForces) -> bool:
+        """Return whether factors of the matrix show that no curvature is below zero; in a plane, where factors are small.
+
+        Symmetric elimination without exchange of rows has pivots above zero only if the matrix is positive definite.
+        """
+        from scipy.sparse import diags_array  # imported here: most simulations do not need it
+
+        p, cells = len(self.stencils.shape), math.prod(self.stencils.shape)
+        if p != 2 or cells * self.stencils.n_balls > MOST_BALLS[1]:
+            return False
+        frame, table = self.place.geometry.frame, self.place.tabulate_stiffness(acting.springs, acting.forces)
+        for axis in range(p):
+            table[axis, axis] += _ROUNDING * acting.springs
+        matrix = compose_hessian(frame, table)
+        # balls that touch no other cost no energy, nor does a motion of all: they, and one ball of all, are held
+        held = np.where((diagonal := matrix.diagonal().reshape(p, -1)) > 0.0, 0.0, 1.0)
+        held[:, np.argmax(diagonal[0])] = 1.0
+        factors = factorise(matrix + diags_array(float(np.mean(acting.springs)) * held.ravel()))
+        return bool(np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0))
 
     def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
         """Return the (n, n) elastic tensor with springs at every contact that carries load, ``shear`` (eta) being a number.
