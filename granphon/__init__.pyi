@@ -56,7 +56,7 @@ from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
 from .runs.archive import load_sweep as load_sweep
 from .runs.sweep import sweep as sweep
-from .scene.results import RunResult as RunResult
+from .scene.run import RunResult as RunResult
 from .scene.scene import Scene as Scene
 from .tradeoffs.measure import MeasuredPoint as MeasuredPoint
 from .tradeoffs.measure import TradeOff as TradeOff

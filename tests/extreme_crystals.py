@@ -12,8 +12,7 @@ import numpy as np
 from mpmath import mpf
 
 import granphon as gp
-from granphon.array.sparse import SparseArray
-from tests.extreme_cases import STEEL, Case, D, coefficient, off
+from tests.extreme_cases import STEEL, Case, D, against_sparse, balance, coefficient, off
 
 #: P d^(p - 1)/f
 FACTORS = {"chain": 1, "square": 1, "sc": 1, "bcc": mpmath.sqrt(3), "fcc": 2 * mpmath.sqrt(2), "hcp": 2 * mpmath.sqrt(2)}
@@ -245,35 +244,6 @@ def equal_samples() -> Iterator[float]:
         yield float(np.max(np.abs(state.elastic_tensor - tensor)) / np.max(tensor))
 
 
-def find_neighbours(structure: Any) -> Any:
-    """Ball, neighbour, cells between them and unit vector of all that touch, from the positions alone."""
-    p = structure.periods
-    steps = itertools.product(range(-2, 3), repeat=p)
-    for step, i, j in itertools.product(steps, range(structure.n_balls), range(structure.n_balls)):
-        apart = np.array(step) @ structure.vectors + structure.positions[j] - structure.positions[i]
-        if abs(np.linalg.norm(apart) - 1.0) < 1e-6:
-            yield i, j, step, apart
-
-
-def balance(sample: gp.Sample, load: float) -> float:
-    """Largest force left on a ball, and what the mean force lacks, over the load: by the displacements alone."""
-    packing = sample.packing
-    structure, c = packing.structure, packing.law.coefficient
-    p, n = structure.periods, structure.n_balls
-    centres = sample.displacements.reshape(*sample.shape, n, p)
-    # not of .diameters, which have lost digits of the differences
-    spread = packing.width * sample.equilibrium.deviations.reshape(n, *sample.shape)
-    left, forces = np.zeros_like(centres), []
-    for i, j, step, normal in find_neighbours(structure):
-        back, axes = tuple(-one for one in step), tuple(range(p))
-        moved = (np.roll(centres[..., j, :], back, axes) - centres[..., i, :]) @ normal
-        mean = 0.5 * (spread[i] + np.roll(spread[j], back, axes))
-        force = c * np.maximum(sample.overlap + mean - moved, 0.0) ** 1.5
-        left[..., i, :] += force[..., None] * normal
-        forces.append(force)
-    return max(float(np.abs(left).max()) / load, abs(float(np.mean(forces)) / load - 1.0))
-
-
 def disordered_samples() -> Iterator[float]:
     for (lattice, cell), width in itertools.product(cells(), (1e-16, 1e-3, 0.3)):
         packing = gp.Packing(STEEL, D, gp.Uniform(width * D), lattice=lattice, friction=False)
@@ -316,14 +286,7 @@ def samples_near_the_threshold() -> Iterator[float]:
         packing = gp.Packing(STEEL, D, gp.Uniform(2e-6), lattice=lattice)
         unit = float(packing.law.force(packing.width))
         state = gp.DirectSimulation(packing, cell, seed=1, geometry="lattice").at_force(unit * np.array([1.0, 1e-2, 2e-3]))
-        for sample in state.sample.tolist():
-            rest = sample.equilibrium
-            array = SparseArray(rest.deviations, packing.structure)
-            forces = array.forces(rest.overlap)
-            found = rest.find_elasticity(packing.mindlin_ratio)
-            tensor = array.elastic_tensor(forces, packing.mindlin_ratio)
-            yield float(np.max(np.abs(rest.forces - forces)) / rest.force)
-            yield float(np.max(np.abs(found - tensor)) / np.max(tensor))
+        yield from map(against_sparse, state.sample.tolist())
 
 
 CRYSTALS = [

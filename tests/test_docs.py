@@ -348,12 +348,9 @@ def repository(monkeypatch):
     ("remote", "there"),
     [
         ("git@host.org:owner/name.git", "https://host.org/owner/name"),
-        ("host.org:/owner/name.git/", "https://host.org/owner/name"),
         ("ssh://git@host.org:2222/owner/name.git", "https://host.org/owner/name"),
-        ("git://host.org/owner/name", "https://host.org/owner/name"),
         ("https://host.org:8443/owner/name.git", "https://host.org:8443/owner/name"),
         ("https://someone:secret@host.org/owner/name.git", "https://host.org/owner/name"),
-        ("http://host.org/name", "http://host.org/name"),
         ("file:///somewhere/name.git", "file:///somewhere/name.git"),
         ("/somewhere/my name.git", "file:///somewhere/my%20name.git"),
         ("../name.git", "file:///top/name.git"),
@@ -381,26 +378,16 @@ def test_the_address_of_the_project_goes_before_that_of_the_clone(repository, tm
     assert address("Home, https://host.org", "Repository, https://a.org/b") == "https://a.org/b"
     (tmp_path / "inner").mkdir()
     assert address(root=tmp_path / "inner") is None  # the pages of a project that lies in another's repository
-
-
-def test_without_git_there_is_no_address(repository, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert repository.address((), ROOT) is None
-
-
-def test_a_page_links_the_repository_outside_of_headings(repository):
-    text = "## The repository\n\nThe repository holds the code.\n"
-    made = repository.linked(text, "https://host.org/a?b&c")
+    assert address() is None  # no git
+    # where the page is no built one: headings are left as they are
+    made = repository.linked("## The repository\n\nThe repository holds the code.\n", "https://host.org/a?b&c")
     assert made.startswith("## The repository\n")
     assert '<a class="reference external" href="https://host.org/a?b&amp;c">The repository</a> holds' in made
-    assert repository.linked(text, None) == text
+    assert repository.linked("The repository", None) == "The repository"
 
 
 # -- the reference --------------------------------------------------------------------------------------------------
-
-
-def reference(name: str) -> str:
-    return (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
 
 
 def interface_text() -> str:
@@ -408,12 +395,6 @@ def interface_text() -> str:
     import _generate
 
     return "\n".join(page.read_text(encoding="utf-8") for page in _generate.interface_pages())
-
-
-def rows(text: str, *heads: str) -> list[list[str]]:
-    """The cells of the one table with these heads."""
-    (found,) = re.findall(rf"^\| {re.escape(' | '.join(heads))} \|\n\|[-|]+\|\n((?:\|.*\n)+)", text, re.MULTILINE)
-    return [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in found.splitlines()]
 
 
 def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
@@ -435,21 +416,16 @@ def test_every_public_name_is_on_a_page_of_the_interface(monkeypatch):
 
 def test_every_column_of_measurements_is_in_the_page_on_fits():
     page = (DOCS / "how-to" / "velocities.md").read_text(encoding="utf-8")
-    listed = [name for row in rows(page, "column", "what it is") for name in re.findall(r"`(\w+) \(", row[0])]
-    assert sorted(listed) == sorted(measurements.COLUMNS)
+    assert set(re.findall(r"`(\w+) \(", page)) >= set(measurements.COLUMNS)
 
 
 def test_every_quantity_of_a_result_is_in_the_page_of_files():
     units = {**simulation.SimulatedState.units, **observables.SoundVelocities.units, **observables.Moduli.units}
     del units["shears"], units["velocities"]  # of Python only
-    summary = {
-        row[0].strip("`"): row
-        for row in rows(reference("files"), "variable", "unit", "dimensions", "in sweep.csv", "what it is")
-    }
+    page = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     for name, unit in units.items():
-        assert name in summary, name
-        assert summary[name][1] == ("" if name == "valid" else unit), name
-    for row in re.findall(r"^\| `.*", reference("files"), re.MULTILINE):
+        assert re.search(rf"^\| `{name}` \| {'' if name == 'valid' else re.escape(unit)} ?\|", page, re.MULTILINE), name
+    for row in re.findall(r"^\| `.*", page, re.MULTILINE):
         assert row.rstrip(" |").count("|") >= 2, row  # none without a meaning
 
 
@@ -492,20 +468,6 @@ def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkey
             for names in entries
         ]
         assert [line.replace("\\*", "*") for line in drawn] == expected, name
-
-
-def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
-    monkeypatch.syspath_prepend(DOCS)
-    import _docstrings
-
-    text = (
-        "Draw.\n\nParameters\n----------\na, b : two,\n    in m.\n\nAxes are logarithmic.\n\nRaises\n------\nKeyError : no."
-    )
-    made = [line for line in _docstrings.rendered(text.splitlines()) if line]
-    assert made == [
-        "Draw.", ":Parameters:", "    - **a**, **b** – two,", "      in m.", "Axes are logarithmic.",
-        ":Raises:", "    - :exc:`KeyError` – no.",
-    ]  # fmt: skip
 
 
 #: what an entry of these pages may say of a quantity: its unit, its shape, or that it is a pure number

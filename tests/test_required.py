@@ -206,15 +206,9 @@ def test_a_check_computes_no_spectra_and_writes_nothing(kind):
     assert (seen.calls, seen.modules, seen.files) == ({}, [], [])
 
 
-def test_a_check_of_an_automatic_medium_simulates_nothing():
-    seen = costs.seen("auto, to be simulated", command="check")
-    assert set(seen.calls) <= {costs.TRIAL}
-    assert set(seen.modules) <= WAVES
-    assert not seen.files
-
-
-def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
-    seen = costs.seen("bands of a simulation", command="check")
+@pytest.mark.parametrize("kind", ["auto, to be simulated", "bands of a simulation"])
+def test_a_check_simulates_no_sample_and_loads_no_phonopy(kind):
+    seen = costs.seen(kind, command="check")
     assert set(seen.calls) <= {costs.TRIAL}
     assert set(seen.modules) <= WAVES
     assert not seen.files
@@ -354,11 +348,6 @@ def test_what_is_counted_exists_and_is_python(entry):
     found = getattr(found, "__wrapped__", found)
     # so that a call is seen under this name
     assert (found.__module__, found.__code__.co_qualname) == entry
-
-
-@pytest.mark.parametrize("module", costs.HEAVY)
-def test_what_is_listed_can_be_imported(module):
-    assert importlib.util.find_spec(module) is not None
 
 
 @pytest.mark.parametrize(

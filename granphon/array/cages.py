@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.geometry import ExactGeometry
+from granphon.array.geometry import ADDED_STIFFNESS, ExactGeometry
 from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import number_cells
 
@@ -31,8 +31,6 @@ _STEPS = 100
 _LENGTHS = 12
 #: slope of the energy at the end of a step over that at its beginning, at most
 _SLOPE = 0.3
-#: stiffness added to each contact, over the mean times the distance from balance; see the same in true_equilibrium
-_ADDED_STIFFNESS = 1e-2
 #: stiffness that holds balls which nothing else holds, over the mean
 _HOLDING = 1e-14
 
@@ -150,7 +148,7 @@ class _Clusters:
                     rows.append(p * a[inside] + k)
                     columns.append(p * b[inside] + m)
         entries: Any = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-        held = mean * (_HOLDING + _ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
+        held = mean * (_HOLDING + ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
         matrix = coo_array(entries, shape=(p * count, p * count)).tocsc() + diags_array(np.repeat(held, p), format="csc")
         return np.asarray(factorise(matrix).solve(pull.T.ravel()).reshape(count, p).T)
 

@@ -24,7 +24,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.geometry import LatticeGeometry, ReducedLoad
+from granphon.array.geometry import ADDED_STIFFNESS, LatticeGeometry, ReducedLoad
 from granphon.array.interior import approach
 from granphon.array.krylov import solve_for_motion
 from granphon.array.linear_response import find_linear_response
@@ -50,9 +50,6 @@ _CLOSED_ON_SITES = 0.45
 _MOST_INTERIOR = 1.5e-2
 #: f* below which an equilibrium at given force is started from the equilibrium at ten times the force, by Newton's method
 _DIRECT_FORCE = 1e-4
-#: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
-#: many contacts are open the others do not make a solid, and without it the step would be unbounded
-_ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
@@ -446,7 +443,7 @@ def equilibrate(
         reduction = min(_LOOSEST, max(0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST))
         stiffness = here.root if single else here.root.astype(float)
         stiffness *= 1.5 / here.level
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance)
+        stiffness += ADDED_STIFFNESS * min(1.0, distance)
         product = stencils.hessian(stiffness)
         inverse = inverses.choose(stiffness, product=product) if begun else stencils.preconditioner(stiffness, product)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38

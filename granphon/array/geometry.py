@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import Single, conjugate_gradients, solve_for_motion
+from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
@@ -64,8 +64,11 @@ _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
 #: largest width over diameter: of balls that differ more, some leave their neighbours, and touch others
 LARGEST_RATIO = 0.2
-#: largest number of conjugate-gradient steps in one step of Newton's method
-_MOST_STEPS = 3000
+#: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness times the distance from
+#: equilibrium: where many contacts are open the others do not make a solid, and without it the step would be unbounded
+ADDED_STIFFNESS = 1e-2
+#: fraction by which Newton's method may miss a given mean force, with friction or in the true geometry
+LOAD_TOLERANCE = 1e-12
 
 
 class ReducedLoad(NamedTuple):
@@ -233,7 +236,7 @@ class ExactGeometry:
         def apply(product: ContactHessian, vector: Array) -> Array:
             return join(*product(*split(vector)))
 
-        count, limit = 0, most or _MOST_STEPS
+        count, limit = 0, most or MOST_ITERATIONS
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
             found, taken, stable = conjugate_gradients(
@@ -425,15 +428,11 @@ class ExactPlace:
 
         It gives the sum of forces along the directions on the lattice, which differs by a part of order eps.
         """
-        return self.geometry.frame.couple(self.tabulate_stiffness(stiffness, forces))
-
-    def tabulate_stiffness(self, stiffness: Array, forces: Array) -> Array:
-        """Return what :meth:`tabulate` yields without tangential forces, rotations left out: (p, p, n_c, L1, ..., Lp)."""
         n, aside = np.array(self.normal[: self.geometry.dimension]), self.geometry.ratio * forces / self.size
         table = (stiffness + aside) * n[:, None] * n
         for a in range(len(n)):
             table[a, a] -= aside
-        return np.asarray(table)
+        return self.geometry.frame.couple(table)
 
     def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
         """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import FrictionLaw, PressedArray
 from granphon.array.geometry import Geometry, LatticeGeometry, ReducedLoad
-from granphon.array.load_step import BALANCE_TOLERANCE, SMALL_FRICTION
+from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
@@ -151,7 +151,7 @@ class LoadingHistory:
     def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
         """Yield states on the way to a load, in steps so short that halving them changes little."""
         if self.tolerance == math.inf:
-            yield self.step(trail, load)
+            yield self.stepper.step(trail, load)
             return
         ahead, taken, kept = [(load, self.tolerance, 0)], 0, 0.0
         while ahead:
@@ -159,8 +159,8 @@ class LoadingHistory:
             middle, found = self.stepper.halve(trail[-1], load), []
             if not goes_on([*(self.stepper.measure(one, load) for one in trail[-2:]), find_aim(load)]):
                 # nothing tells yet how the path bends: two halves do
-                found = [self.step(trail, middle)]
-            found.append(self.step([*trail, *found], load))
+                found = [self.stepper.step(trail, middle)]
+            found.append(self.stepper.step([*trail, *found], load))
             change, bent = self._compare([*trail, *found], len(found), load)
             change /= found[-1].force
             before, after = trail[-1], found[-1]
@@ -218,11 +218,3 @@ class LoadingHistory:
             )
             bent.append((slid, loosened))
         return change, bent
-
-    def step(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray:
-        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
-
-        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
-        """
-        # with small friction balls come into balance only in stages, which steps with dashpots do without
-        return self.stepper.step(trail, load, relaxes=self.friction_coefficient >= SMALL_FRICTION)

@@ -32,7 +32,7 @@ _STEPS = 100
 #: Newton steps in the true geometry, at most: loose balls roll along others there, and the longer the smaller W/d is
 _STEPS_IN_TRUTH = 800
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
-_CLOSE = 1e-9
+CLOSE = 1e-9
 #: largest force left on a ball, over the mean force, with which it then ends well
 _BALANCED = 0.1
 #: mean force at which the array counts as carrying no load
@@ -73,7 +73,7 @@ def approach(
     force: float | None,
     inverses: Preconditioners,
     fresh: bool,
-    close: float = _CLOSE,
+    close: float = CLOSE,
 ) -> tuple[float, Array, int, int] | None:
     """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers of steps and iterations.
 
@@ -119,7 +119,12 @@ def approach(
         change *= stiffness
         widening = (mu - s * change) / f - s
         # a whole step, but for those f and s that it would make too small
-        f, s = centre(np.maximum(f + change, _LEFT * f), np.maximum(s + widening, _LEFT * s), mu)
+        f, s = np.maximum(f + change, _LEFT * f), np.maximum(s + widening, _LEFT * s)
+        # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that leaves the products of
+        # some contacts far from the others' makes the next steps short or wrong
+        wanted = np.clip(f * s, _LEAST_PRODUCT * mu, _LARGEST_PRODUCT * mu)
+        is_open = np.cbrt(f) ** 2 < s
+        f, s = np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
         y, balls, taken = y + motion.compression, balls + motion.balls, taken + count
         place = geometry.place(balls, y)
         h = place.overlaps
@@ -132,14 +137,3 @@ def split(h: Array, width: float) -> tuple[Array, Array]:
     larger, less = root + half, width**2 / (root + half)
     closed, s = np.where(h > 0.0, larger, less), np.where(h > 0.0, less, larger)
     return closed * np.sqrt(closed), s
-
-
-def centre(f: Array, s: Array, mu: float) -> tuple[Array, Array]:
-    """Return f and s of contacts, the smaller of f^(2/3) and s moved where their product is too far from ``mu``.
-
-    A step that leaves the products of some contacts far from the others' makes the next steps short or wrong.
-    """
-    product = f * s
-    wanted = np.clip(product, _LEAST_PRODUCT * mu, _LARGEST_PRODUCT * mu)
-    is_open = np.cbrt(f) ** 2 < s
-    return np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)

@@ -22,11 +22,11 @@ Values = NDArray[Any]
 Single = NDArray[Any]
 Map = Callable[[Values], Values]
 #: largest number of iterations in one step of Newton's method
-_MOST_ITERATIONS = 3000
+MOST_ITERATIONS = 3000
 #: number of elements of vectors that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15
-#: vectors kept, after which the method starts again
-_KEPT = 60
+#: vectors that GMRES keeps, after which it starts again
+KEPT = 60
 #: elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait for each other, and their
 #: number changes the last digit
 _ONE_THREAD = 9216
@@ -90,7 +90,7 @@ def solve_for_motion(
     shape, size = force.balls.shape, force.balls.size
     if stiffness is None:
         balls, count, _ = conjugate_gradients(
-            lambda balls: product(balls)[0], precondition, force.balls, reduction, _MOST_ITERATIONS, of_residual=True
+            lambda balls: product(balls)[0], precondition, force.balls, reduction, MOST_ITERATIONS, of_residual=True
         )
         return Motion(balls, 0.0), count
 
@@ -109,7 +109,7 @@ def solve_for_motion(
         return join(precondition(vector[:size].reshape(shape)), float(vector[size]) / stiffness)
 
     right = join(force.balls, force.compression / root)
-    found, count, _ = conjugate_gradients(apply, invert, right, reduction, _MOST_ITERATIONS, of_residual=True)
+    found, count, _ = conjugate_gradients(apply, invert, right, reduction, MOST_ITERATIONS, of_residual=True)
     return Motion(found[:size].reshape(shape), float(found[size]) / root), count
 
 
@@ -144,7 +144,7 @@ def solve_by_minimal_residuals(
         return found, 0
     rest, left = (right / size).astype(np.float32), 1.0
     while left > reduction and taken < most:
-        count, left, change = _cycle(apply, precondition, rest, reduction, min(_KEPT, most - taken))
+        count, left, change = _cycle(apply, precondition, rest, reduction, min(KEPT, most - taken))
         if not count:  # what is left is out of reach of A
             break
         found += change

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granphon.array import sparse_matrices
 from granphon.array.geometry import ExactPlace, Inverse, Law
-from granphon.array.krylov import Map, Single, conjugate_gradients
+from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
@@ -46,8 +46,6 @@ _NOISE = 1e-14
 #: relative residual of linear responses in the true geometry; the error of a stiffness is its square, without tangential
 #: forces
 _RESPONSE = 1e-7
-#: vectors that GMRES keeps
-_KEPT = 60
 #: cycles of GMRES after which the matrix is factorised
 _PATIENCE = 4
 #: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
@@ -135,6 +133,8 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
+
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
     stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
     small, few = (count <= most[len(frame.shape) - 2] for most in (_MOST_AT_ONCE, _MOST_BALLS))
@@ -144,13 +144,16 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
 
     table = np.array(list(tabulate())) if symmetric else None
     product = None if table is None else frame.couple(table)
-    wanted = small if symmetric else few
-    matrix = None
-    if wanted:
-        from scipy.sparse import eye_array  # imported here: most simulations do not need it
-
-        matrix = compose_hessian(frame, tabulate() if table is None else table)
-        matrix = (matrix + _HOLDING * stiff * eye_array(matrix.shape[0])).tocsr()
+    matrix: Any = None
+    if small if symmetric else few:
+        # the whole matrix, with what holds motions that nothing holds; fields are one after the other
+        i, j = frame.ends_of_rows()
+        (head, tail), number = frame.coefficients, np.arange(j.size)
+        c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
+        columns = np.array([np.reshape(one, (len(one), -1)) for one in (tabulate() if table is None else table)])
+        of_contact = number.reshape(1, len(columns), -1)
+        d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
+        matrix = (c.T.tocsr() @ (d @ c) + _HOLDING * stiff * eye_array(c.shape[1])).tocsr()
 
     def offer_inverses() -> Iterator[tuple[Inverse, int]]:
         """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one."""
@@ -162,7 +165,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
             yield whole, _MOST_ITERATIONS
             return
         alone = _invert_balls(frame, stiff, tabulate())
-        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * _KEPT
+        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * KEPT
         if matrix is not None and (factors := _factorise(frame, matrix)):
             yield factors, _MOST_ITERATIONS
 
@@ -208,7 +211,7 @@ def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, m
     size = right.size, right.size
     found, failed = gmres(
         LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, atol=floor,
-        restart=_KEPT, maxiter=most // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+        restart=KEPT, maxiter=most // KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
     )  # fmt: skip
     return found, not failed
 
@@ -264,21 +267,6 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
-def compose_hessian(frame: Stencils, tables: Iterable[Array]) -> Any:
-    """Return the whole matrix, sparse; fields are one after the other.
-
-    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``.
-    """
-    i, j = frame.ends_of_rows()
-    number = np.arange(j.size)
-    head, tail = frame.coefficients
-    c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
-    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
-    of_contact = number.reshape(1, len(columns), -1)
-    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
-    return (c.T.tocsr() @ (d @ c)).tocsr()
-
-
 def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
     """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``.
 
@@ -292,7 +280,11 @@ def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse
 
 
 def _invert_balls(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
-    """Return what moves each ball under a force while its neighbours are held; arguments are as above."""
+    """Return what moves each ball under a force while its neighbours are held.
+
+    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
+    ``stiffness`` is the mean one of contacts.
+    """
     count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
     head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
     blocks = np.zeros((count, count, frame.n_balls, *frame.shape))

@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray, Tangent
-from granphon.array.geometry import Geometry, Inverse, Place, Product, ReducedLoad, find_lack, multiply
+from granphon.array.geometry import (
+    ADDED_STIFFNESS,
+    LOAD_TOLERANCE,
+    Geometry,
+    Inverse,
+    Place,
+    Product,
+    ReducedLoad,
+    find_lack,
+    multiply,
+)
 from granphon.array.krylov import Single, solve_by_minimal_residuals
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.sparse_matrices import Indices
@@ -32,8 +42,6 @@ from granphon.array.stencils import Motion, dot
 Array = NDArray[np.float64]
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
-#: fraction by which a given mean force may be missed
-_LOAD_TOLERANCE = 1e-12
 #: Newton steps before a step of the load is halved, at most
 _NEWTON_STEPS = 120
 #: Newton steps in which the residual must fall by half
@@ -63,8 +71,6 @@ _LEFT_BY_LOOSE = 0.12
 _LONGER = 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
-#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
-_ADDED_STIFFNESS = 1e-2
 #: factor by which the added stiffness is raised after a step that had to be made short, where a ball has lost what held it,
 #: and lowered after a whole one
 _EASE = 10.0
@@ -297,7 +303,7 @@ class LoadStep:
         """Return the step of Newton's method, and the number of iterations that it took."""
         stencils, distance, free = self._stencils, max(trial.left, trial.missed), self._load.overlap is None
         mean, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, stencils.mindlin_ratio
-        added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
+        added = ADDED_STIFFNESS * min(1.0, distance * hold) * mean
         secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
@@ -305,18 +311,14 @@ class LoadStep:
         reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         push = trial.push / mean if free else None
         way, taken = self._linear.solve(product, tangent, trial.pull / mean, push, reduction)
-        return Motion(self._shorten(way.balls, trial), way.compression), taken
-
-    def _shorten(self, found: Array, trial: Trial) -> Array:
-        """Return the motions of a step, those of balls that are about to lose their hold and fall made shorter."""
-        motions, n = self._stencils.motions, self._stencils.n_balls
-        fields = found.reshape(n, motions.count, *self._stencils.shape)
+        # the motions of balls that are about to lose their hold and fall are made shorter
+        fields = way.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
-        sizes = np.max(np.abs(fields[:, motions.translating]), axis=1, initial=0.0)
-        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, motions.turning]), axis=1, initial=0.0), out=sizes)
+        sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
+        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, stencils.motions.turning]), axis=1, initial=0.0), out=sizes)
         if float(np.max(sizes)) > limit:
             fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
-        return fields.reshape(trial.balls.shape)
+        return Motion(fields.reshape(trial.balls.shape), way.compression), taken
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
@@ -357,7 +359,7 @@ class LoadStep:
 
 def is_balanced(trial: Trial) -> bool:
     """Return whether all balls are in balance, and the load is met."""
-    return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
+    return trial.left <= BALANCE_TOLERANCE and trial.missed <= LOAD_TOLERANCE
 
 
 def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:

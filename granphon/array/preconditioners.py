@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +171,14 @@ class Patches:
         contacts = self._find_contacts(balls)
         place, n = np.full(self._balls, -1), contacts.size
         place[balls] = np.arange(balls.size)
-        c = self._cut(contacts, place, balls.size)
+        # C of these contacts and of the balls of the patch, field after field of each
+        parts, rows = [], np.arange(self._rows.shape[2])
+        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
+            inside = np.flatnonzero(ends >= 0)
+            row = (inside[:, None] + n * rows)[..., None]
+            column = (self._fields * ends[inside, None] + np.arange(self._fields))[:, None]
+            parts.append((row, column, coefficients[contacts[inside] // self._cells]))
+        c = compose(parts, (len(rows) * n, self._fields * balls.size))
         stiffness, springs, coupling, cross = (
             one.reshape(-1, tangent.stiffness.size)[:, contacts]
             for one in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
@@ -196,15 +202,3 @@ class Patches:
             motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
 
         return put
-
-    def _cut(self, contacts: Indices, place: Indices, size: int) -> Any:
-        """Return C of some contacts and of the balls that have a ``place`` among ``size``, field after field of each."""
-        n, parts = contacts.size, []
-        shape = (self._rows.shape[2], self._fields)
-        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
-            inside = np.flatnonzero(ends >= 0)
-            values = coefficients[contacts[inside] // self._cells]
-            row = (inside[:, None] + n * np.arange(shape[0]))[..., None]
-            column = (self._fields * ends[inside, None] + np.arange(shape[1]))[:, None]
-            parts.append((row, column, values))
-        return compose(parts, (shape[0] * n, self._fields * size))

@@ -48,7 +48,15 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray
 from granphon.array.geometry import Geometry, Place, ReducedLoad, find_boundary_force
-from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, FixedLimitSettings, LoadStep, Trial, is_balanced
+from granphon.array.load_step import (
+    FAST_LIMITS,
+    SLOW_LIMITS,
+    SMALL_FRICTION,
+    FixedLimitSettings,
+    LoadStep,
+    Trial,
+    is_balanced,
+)
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
 from granphon.base.errors import ConvergenceError, InputError, message
@@ -129,14 +137,15 @@ class Stepper:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(self, trail: Sequence[PressedArray], load: ReducedLoad, relaxes: bool = False) -> PressedArray:
+    def step(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
-        Where Newton's method fails, the state to which balls slowed by dashpots come is taken if it ``relaxes``. If there is
-        none, the load is reached in two steps or more.
+        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
         if load.overlap is None and not load.force > 0.0:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
+        # with small friction balls come into balance only in stages, which steps with dashpots do without
+        relaxes = not self.drag and self.law.friction_coefficient >= SMALL_FRICTION
         ahead, halvings, failed = [load], 0, 0
         while ahead:
             here = trail[-1]

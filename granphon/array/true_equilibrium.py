@@ -23,12 +23,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.cages import Cages
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
-from granphon.array.geometry import ExactGeometry, ExactPlace, Inverse, ReducedLoad, find_boundary_force, find_lack
-from granphon.array.interior import approach
+from granphon.array.geometry import (
+    ADDED_STIFFNESS,
+    LOAD_TOLERANCE,
+    ExactGeometry,
+    ExactPlace,
+    Inverse,
+    ReducedLoad,
+    find_boundary_force,
+    find_lack,
+)
+from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.linear_response import ActingForces, compose_hessian, find_elastic_tensor, find_motions
-from granphon.array.preconditioners import MOST_BALLS, Preconditioners
-from granphon.array.sparse_matrices import factorise
+from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
+from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -37,8 +45,6 @@ Array = NDArray[np.float64]
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 _LEAST_TOLERANCE = 1e-12
-#: fraction by which a given mean force may be missed
-_LOAD_TOLERANCE = 1e-12
 #: Newton steps, at most
 _NEWTON_STEPS = 400
 #: trials of a line search, at most
@@ -63,8 +69,6 @@ _TOO_FAR = 3.0
 _INEXACT = 1e-2
 #: length of a step away from a saddle, in steps of Newton's method with the other sign, at most
 _LONGEST = 2.0**10
-#: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
-_CLOSE = 1e-9
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
 _ASIDE = 1e-2
 #: largest number of times that balls go down from a saddle
@@ -82,8 +86,6 @@ _FINER = 1e-2
 _FIRST_MOVE = 1e-2
 #: times that this displacement is doubled, at most
 _DOUBLINGS = 6
-#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
-_ADDED_STIFFNESS = 1e-2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -158,8 +160,6 @@ class TrueEquilibrium(Equilibrium):
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
 
         product = self.place.multiply(acting.springs, acting.forces)
-        if self._is_surely_stable(acting):
-            return None, 0
 
         def apply(vector: Array) -> Array:
             motion = Motion(vector.reshape(self.balls.shape), 0.0)
@@ -176,26 +176,6 @@ class TrueEquilibrium(Equilibrium):
             apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, _PROBE_STEPS
         )
         return (down[0] if down else None), taken
-
-    def _is_surely_stable(self, acting: ActingForces) -> bool:
-        """Return whether factors of the matrix show that no curvature is below zero; in a plane, where factors are small.
-
-        Symmetric elimination without exchange of rows has pivots above zero only if the matrix is positive definite.
-        """
-        from scipy.sparse import diags_array  # imported here: most simulations do not need it
-
-        p, cells = len(self.stencils.shape), math.prod(self.stencils.shape)
-        if p != 2 or cells * self.stencils.n_balls > MOST_BALLS[1]:
-            return False
-        frame, table = self.place.geometry.frame, self.place.tabulate_stiffness(acting.springs, acting.forces)
-        for axis in range(p):
-            table[axis, axis] += _ROUNDING * acting.springs
-        matrix = compose_hessian(frame, table)
-        # balls that touch no other cost no energy, nor does a motion of all: they, and one ball of all, are held
-        held = np.where((diagonal := matrix.diagonal().reshape(p, -1)) > 0.0, 0.0, 1.0)
-        held[:, np.argmax(diagonal[0])] = 1.0
-        factors = factorise(matrix + diags_array(float(np.mean(acting.springs)) * held.ravel()))
-        return bool(np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0))
 
     def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
         """Return the (n, n) elastic tensor with springs at every contact that carries load, ``shear`` (eta) being a number.
@@ -291,22 +271,20 @@ class _Path:
             if np.any(trial.on_balls[loose]):
                 least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
                 trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
-            if trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE:
+            if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state or self._saddles > _MOST_SADDLES:
                     return state
             before = max(trial.left, trial.missed)
             step = self._find_step(trial, truly=True)
-            ahead = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            ahead, slope, length = self._try(trial.balls + step.balls, trial.overlap + step.compression), trial.slope(step), 1.0
             # away from a saddle, the step with the other sign is as long as the way so far: go on while the energy falls faster
-            length, slope = 2.0, trial.slope(step)
-            while ahead.left <= _TOO_FAR and length <= _LONGEST and ahead.slope(step) < slope:
-                slope, nearer = ahead.slope(step), ahead
-                ahead = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
-                length *= 2.0
-                if ahead.slope(step) > slope:
-                    ahead = nearer
+            while ahead.slope(step) < slope and length < _LONGEST:
+                slope, length = ahead.slope(step), 2.0 * length
+                farther = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+                if farther.left > _TOO_FAR or farther.slope(step) > slope:
                     break
+                ahead = farther
             # with the true sign, a step along which there is hardly any curvature has no end
             trial = ahead if ahead.left <= _TOO_FAR else self._search(trial)
             loose |= trial.on_balls > _FAILED * before
@@ -315,7 +293,7 @@ class _Path:
     def lead(self) -> TrueEquilibrium:
         """Return the state at rest, to which the interior-point method leads all balls together."""
         force = self._load.force if self._load.overlap is None else None
-        close = min(_CLOSE, _OF_RATIO * self._geometry.ratio)
+        close = min(CLOSE, _OF_RATIO * self._geometry.ratio)
         overlap, balls = self._overlap, self._start.balls
         found = approach(self._geometry, overlap, balls, force, self._inverses, False, close)
         if found:
@@ -323,7 +301,7 @@ class _Path:
             self.newton, self.conjugate = self.newton + newton, self.conjugate + conjugate
         trial = self._try(balls, overlap)
         for _ in range(_NEWTON_STEPS):
-            if trial.left <= self._tolerance and trial.missed <= _LOAD_TOLERANCE:
+            if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state:
                     return state
@@ -363,7 +341,7 @@ class _Path:
         """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
         distance = max(trial.left, trial.missed)
         stiffness = 1.5 * trial.root
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+        stiffness += ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
         weights = self._geometry.weigh(stiffness, trial.forces)
         inverse, most = self._inverses.choose(weights), self._inverses.find_patience(weights)
         for limit in (most, None) if most else (None,):

@@ -1,29 +1,38 @@
 """The table of contacts: which balls touch, and in what direction.
 
 It is the only description of the geometry of contacts: the dynamics of lattices, the calculator and the simulation share it.
+A lattice of balls in contact must hang together. One that does not was probably written with too few digits: the errors then
+name the balls that miss each other by little, or the pieces into which the lattice falls.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.near_misses import NEAR, describe_pieces, find_near_miss
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 
 Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6
+#: balls nearly touch if their distance differs from one by no more than this, in spacings
+NEAR = 1e-2
 #: a gap above TOUCH that is no larger than this is refused: it would close under load, as balls overlap by as much
 _CLOSING = 1e-3
 #: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites far from each other
 _MOST_CELLS = 10_000_000
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made from x instead
 _UPRIGHT = 0.9
+#: what a piece that extends along none, one, two or three periods is called
+_PIECES = ("clusters", "rows", "layers", "networks")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,32 +129,113 @@ def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
     delta = apart[:, :, None] + (shifts @ cell)[None, None]
     distance = np.linalg.norm(delta, axis=-1)
     same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
-    near = find_near_miss(cell, shifts, delta, distance, TOUCH)
+    said, mend, closest = "Touching balls are 1 apart", "", math.inf
+    off = np.abs(distance - 1.0)
+    if np.any(near := (off > TOUCH) & (off <= NEAR)):
+        # the pair of balls whose distance is nearest to one among those that do not touch
+        one, other, step = np.unravel_index(np.argmin(np.where(near, off, np.inf)), off.shape)
+        closest = float(distance[one, other, step])
+        image = f" shifted by ({', '.join(map(str, shifts[step].tolist()))}) cells" if np.any(shifts[step]) else ""
+        said = f"Ball {one} and ball {other}{image} are {closest:.9g} apart, where touching balls are 1 apart"
+        rounded = "If numbers were rounded, write them with eight digits or more"
+        mend = _scale_to_touch(cell, delta[near], delta[off <= TOUCH]) or rounded
     if np.any((distance < 1.0 - TOUCH) & ~same):
         least = float(distance[~same].min())
         why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
-        mend = near.mend if near and least >= 1.0 - NEAR else "Move the sites apart"
+        mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
         raise InputError(message(f"balls of lattice {name!r} overlap", why, mend))
-    found: Any = np.nonzero(np.abs(distance - 1.0) <= TOUCH)
+    found: Any = np.nonzero(off <= TOUCH)
     i, j, s = found
-    said, mend = (near.text, near.mend) if near else ("Touching balls are 1 apart", "")
     if len(set(i.tolist())) < n:
         raise InputError(message(f"a ball of lattice {name!r} touches no other", said, mend))
-    if near and near.distance - 1.0 <= _CLOSING:
-        why = f"{said}. A gap of {near.distance - 1.0:.2g} closes under load, so that it was probably rounded"
+    if closest - 1.0 <= _CLOSING:
+        why = f"{said}. A gap of {closest - 1.0:.2g} closes under load, so that it was probably rounded"
         mend = f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
         raise InputError(message(f"balls of lattice {name!r} nearly touch", why, mend))
     first = select_once(i, j, shifts[s])
     i, j, s = i[first], j[first], s[first]
-    if pieces := describe_pieces(i.tolist(), j.tolist(), map(tuple, shifts[s].tolist()), n, len(cell)):
-        what = f"lattice {name!r} falls into pieces that do not touch: {pieces}"
-        raise InputError(message(what, near.text if near else "", mend or "Move them together, or give one of them alone"))
+    parts = _find_pieces(i.tolist(), j.tolist(), map(tuple, shifts[s].tolist()), n)
+    count, ranks = sum(index for _, index in parts), {rank for rank, _ in parts}
+    whole = ranks == {len(cell)}  # pieces that extend along all periods: there are only so many of them
+    if not whole or count > 1:
+        pieces = f"{_PIECES[ranks.pop()] if len(ranks) == 1 else 'pieces'}, {count} in each cell"
+        what = (
+            f"lattice {name!r} falls into pieces that do not touch: {f'{count} {_PIECES[len(cell)]}' if whole else pieces}"
+        )
+        raise InputError(message(what, said if mend else "", mend or "Move them together, or give one of them alone"))
     normal = delta[i, j, s] / distance[i, j, s][:, None]
     arm = np.full(len(i), 0.5)
     return ContactTable(
         read_only(i), read_only(j), read_only(shifts[s]), read_only(normal), read_only(normal), read_only(arm),
         read_only(arm),
     )  # fmt: skip
+
+
+def _scale_to_touch(cell: Array, near: Array, touching: Array) -> str:
+    """Say by what number to multiply the cell, or its coordinates along one axis, so that balls at ``near`` touch.
+
+    ``near`` and ``touching`` are vectors (n, d) between balls; those that touch already must not change. The text is empty
+    if no single number does it.
+    """
+    periods, dimension = cell.shape
+    if not len(touching):
+        factors = 1.0 / np.linalg.norm(near, axis=1)
+        if np.ptp(factors) <= TOUCH:
+            return f"Multiply the cell by {np.mean(factors):.12g}"
+    for axis in range(periods):
+        along, across = near[:, axis] ** 2, np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
+        if np.any(np.abs(touching[:, axis]) > TOUCH) or np.any(along < NEAR) or np.any(across >= 1.0):
+            continue
+        factors = np.sqrt((1.0 - across) / along)
+        if np.ptp(factors) <= TOUCH:
+            old, new = next((x, x * np.mean(factors)) for x in np.abs(cell[:, axis]).tolist() if x)
+            every = "" if dimension == 1 else f"every {'xyz'[axis]} of "
+            return f"Multiply {every}the cell by {np.mean(factors):.12g}, so that {old:.9g} becomes {new:.12g}"
+    return ""
+
+
+def _find_pieces(i: Iterable[int], j: Iterable[int], shift: Iterable[tuple[int, ...]], n: int) -> list[tuple[int, int]]:
+    """Return, for each set of balls of a cell that contacts join, along how many periods it extends, and its copies.
+
+    The whole cells by which rings of contacts lead from a ball to its images make a lattice of integers. Its rank is the
+    number of periods, and its index the number of copies of the piece that do not touch.
+    """
+    neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
+    for one, other, step in zip(i, j, shift, strict=True):
+        neighbours[one].append((other, step))
+        neighbours[other].append((one, tuple(-x for x in step)))
+    periods = len(neighbours[0][0][1])
+    places: dict[int, tuple[int, ...]] = {}
+    out = []
+    for first in range(n):
+        if first in places:
+            continue
+        places[first], rings, left = (0,) * periods, set[tuple[int, ...]](), [first]
+        while left:
+            ball = left.pop()
+            for other, step in neighbours[ball]:
+                there = tuple(map(sum, zip(places[ball], step, strict=True)))
+                if other not in places:
+                    places[other] = there
+                    left.append(other)
+                rings.add(tuple(a - b for a, b in zip(there, places[other], strict=True)))
+        out.append(_find_rank(rings, periods))
+    return out
+
+
+def _find_rank(vectors: Iterable[tuple[int, ...]], periods: int) -> tuple[int, int]:
+    """Return rank and index of the lattice that vectors of integers make: the index among integers in its own span."""
+    rows, basis = [list(one) for one in vectors], list[list[int]]()
+    for column in range(periods):
+        while len(live := sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))) > 1:
+            for row in live[1:]:
+                times = row[column] // live[0][column]
+                row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
+        basis += live
+        rows = [row for row in rows if not row[column]]
+    minors = itertools.combinations(range(periods), len(basis))
+    square = np.array(basis, float).reshape(len(basis), periods)
+    return len(basis), math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors))
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:

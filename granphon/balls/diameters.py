@@ -103,22 +103,21 @@ class Spread(ABC):
         """Largest deviation, m."""
         return self.width * self.shape.bounds[1]
 
-    def check_sizes(self, diameter: float) -> None:
-        """Raise :class:`InputError` if, around the mean ``diameter`` (m), the smallest ball has a size at or below zero."""
-        least = positive("diameter", diameter, "m") + self.smallest
-        if not least > 0.0:
-            why = f"The smallest deviation from the mean is {self.smallest:g} m"
-            raise InputError(message(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"))
+    def check_diameter(self, diameter: float) -> None:
+        """Raise :class:`InputError` if the mean diameter of the balls cannot be ``diameter`` (m).
 
-    def check_mean(self, diameter: float) -> None:
-        """Raise :class:`InputError` if the mean differs from the packing's ``diameter`` (m) by more than 1e-9 of it.
-
-        A smaller difference has no effect, as deviations are taken from the distribution's own mean.
+        That is so if the distribution has a mean that differs from it by more than 1e-9 of it, or if the smallest ball would
+        have a size at or below zero. A smaller difference has no effect, as deviations are taken from the distribution's own
+        mean.
         """
-        if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > _ROUNDED * diameter:
+        least = positive("diameter", diameter, "m") + self.smallest
+        if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
             raise InputError(message(what, "Deviations of diameters are counted from their mean", mend))
+        if not least > 0.0:
+            why = f"The smallest deviation from the mean is {self.smallest:g} m"
+            raise InputError(message(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"))
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
@@ -200,13 +199,15 @@ class _Listed(Spread):
 
     diameters: tuple[float, ...]
 
-    def _compute_shares(self) -> Array:
-        return np.full(len(self.diameters), 1.0 / len(self.diameters))
+    #: (n,) fractions that need not sum to one; None for diameters that are all equally likely
+    fractions: tuple[float, ...] | None = None
 
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
         """Mean diameter, m; deviations of the different diameters, m, ascending; their probabilities."""
-        places, weights = merge(np.array(self.diameters), self._compute_shares())
+        n = len(self.diameters)
+        shares = np.full(n, 1.0 / n) if self.fractions is None else np.array(self.fractions) / math.fsum(self.fractions)
+        places, weights = merge(np.array(self.diameters), shares)
         off = places - places[0]  # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
@@ -249,7 +250,7 @@ class Discrete(_Listed):
     """
 
     diameters: tuple[float, ...]
-    fractions: tuple[float, ...]
+    fractions: tuple[float, ...] = field()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "diameters", finite_list("diameters", self.diameters, "m", "above zero"))
@@ -265,9 +266,6 @@ class Discrete(_Listed):
         if abs(over) > _ROUNDED:
             what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
             raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
-
-    def _compute_shares(self) -> Array:
-        return np.array(self.fractions) / math.fsum(self.fractions)
 
 
 @dataclass(frozen=True)

@@ -76,17 +76,18 @@ class Packing:
                 raise InputError(
                     message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured")
                 )
-            self.spread.check_mean(self.diameter)
-            self.spread.check_sizes(self.diameter)
-        if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in self._scales):
+            self.spread.check_diameter(self.diameter)
+        with np.errstate(all="ignore"):  # whatever is not finite is refused
+            # scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density, velocity squared
+            law, length, mass = self.law, max(self.diameter, self.width), self.mass
+            scales = [float(of(length)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
+            scales += [mass, self.material.density, scales[1] / mass * length if mass else math.inf]
+        if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in scales):
             why = f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g}"
             made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
             raise InputError(message(f"balls of {self.diameter:g} m of {made} are beyond double precision", why))
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
-        self._check_motions()
-
-    def _check_motions(self) -> None:
-        """Raise InputError for motions that the lattice does not have, and for a torsion or bending that is not allowed."""
+        # the motions are some that the lattice has; torsion and bending are numbers, and resist some of these motions
         allowed = allowed_motions(self.structure.dimension)
         if self.motions is not None and not (isinstance(self.motions, str) and self.motions in allowed):
             raise InputError(
@@ -189,15 +190,6 @@ class Packing:
     def law(self) -> HertzLaw:
         """The contact law of two balls of the mean diameter."""
         return HertzLaw.between(self.material, self.diameter)
-
-    @property
-    def _scales(self) -> list[float]:
-        """Scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density, velocity squared."""
-        with np.errstate(all="ignore"):  # whatever is not finite is refused
-            law, length = self.law, max(self.diameter, self.width)
-            contact = [float(of(length)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
-            mass, density = self.mass, self.material.density
-            return [*contact, mass, density, contact[1] / mass * length if mass else math.inf]
 
     @property
     def pressure_per_force(self) -> float:

@@ -50,13 +50,30 @@ class Axis:
                     f"Did you mean {guess}?" if guess else "Use one of these",
                 )
             )
-        plain = PARAMETERS[name] is None or (name == "torsion" and _has_words(given))
-        axis = cls(name, _make_choices(name, given) if plain else real_list(name, given))
+        listed = given if isinstance(given, list | tuple) else (given,)
+        if PARAMETERS[name] is None or (name == "torsion" and any(isinstance(one, str) for one in listed)):
+            plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+            axis = cls(name, tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,))
+            if not axis.values:
+                raise InputError(message(f"{name} is an empty list", mend="Give at least one value"))
+        else:
+            axis = cls(name, real_list(name, given))
         if (double := find_double(axis.values)) is not None:
             what = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
             raise InputError(message(what, "Both would be the same states", "Give each value once"))
         if name == "lattice":
-            _require_one_dimension(axis.values)
+            # unknown names of lattices are refused later
+            given = [one for one in axis.values if isinstance(one, Lattice) or (isinstance(one, str) and one in LATTICES)]
+            first = {one.periods: one.name for one in map(find_lattice, reversed(given))}
+            if len(first) > 1:
+                found = " and ".join(f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items()))
+                raise InputError(
+                    message(
+                        f"lattices of different dimension in one sweep: {found.removesuffix(',')}",
+                        "Their pressures, moduli and directions have different units and sizes",
+                        "Make a sweep of each dimension",
+                    )
+                )
             if (double := find_double(axis.labels)) is not None:
                 raise InputError(
                     message(
@@ -79,7 +96,9 @@ class Axis:
             return tuple(find_lattice(value).name for value in self.values)
         if self.name == "spread":
             names, seen = [], Counter[str]()
-            for name in map(_name_spread, self.values):
+            for spread in self.values:
+                known = isinstance(spread, Spread)
+                name = f"{type(spread).__name__}, W = {spread.width:.6g} m" if known else "equal balls"
                 names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
                 seen[name] += 1
             return tuple(names)
@@ -107,38 +126,6 @@ def find_double(values: Sequence[Any]) -> int | None:
             return index
         seen.add(value) if isinstance(seen, set) else seen.append(value)
     return None
-
-
-def _make_choices(name: str, given: Any) -> tuple[Any, ...]:
-    plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-    values = tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,)
-    if not values:
-        raise InputError(message(f"{name} is an empty list", mend="Give at least one value"))
-    return values
-
-
-def _has_words(given: Any) -> bool:
-    """Whether values of the torsion are texts, or some of a list are."""
-    return isinstance(given, str) or (isinstance(given, list | tuple) and any(isinstance(one, str) for one in given))
-
-
-def _require_one_dimension(lattices: Sequence[Any]) -> None:
-    """Raise :class:`InputError` if lattices of one sweep have different numbers of periods; unknown names come later."""
-    known = [find_lattice(one) for one in lattices if isinstance(one, Lattice) or (isinstance(one, str) and one in LATTICES)]
-    first = {one.periods: one.name for one in reversed(known)}
-    if len(first) > 1:
-        found = " and ".join(f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items())).removesuffix(",")
-        raise InputError(
-            message(
-                f"lattices of different dimension in one sweep: {found}",
-                "Their pressures, moduli and directions have different units and sizes",
-                "Make a sweep of each dimension",
-            )
-        )
-
-
-def _name_spread(spread: Any) -> str:
-    return f"{type(spread).__name__}, W = {spread.width:.6g} m" if isinstance(spread, Spread) else "equal balls"
 
 
 def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:

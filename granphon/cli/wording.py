@@ -13,7 +13,7 @@ from granphon.base.text import counted
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.media.cost import Cost
-    from granphon.scene.results import RunResult
+    from granphon.scene.run import RunResult
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import TradeOff
 

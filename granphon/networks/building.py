@@ -159,7 +159,21 @@ class Source:
                 raise InputError(message(f"{balls.name} has no column 'mass', and no material is given", mend=mend))
             masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
         inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
-        i, j = (_find_balls(balls, contacts, end) for end in ("i", "j"))
+        # the indices of the balls that contacts name
+        count = len(balls.positions)
+        labels = np.arange(count) if balls.labels is None else balls.labels
+        order = np.argsort(labels, kind="stable")
+        if np.any(np.diff(labels[order]) == 0):
+            twice = labels[order][:-1][np.diff(labels[order]) == 0][0]
+            raise InputError(message(f"{balls.name} has two balls with the id {twice}"))
+        ends, ids = [], counted(count, "ball has an id", "balls have ids")
+        for wanted in (contacts.i, contacts.j):
+            place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
+            missing = labels[order][place] != wanted if count else np.ones(len(wanted), bool)
+            named = f"There, {f'balls are 0 to {count - 1}' if balls.labels is None else ids}"
+            contacts.refuse(missing, f"names a ball that is not among those of {balls.name}", named)
+            ends.append(np.asarray(order[place], np.intp))
+        i, j = ends
         still = np.isinf(masses[i]) | np.isinf(masses[j])
         if contacts.normal is None and np.any(still):
             contacts.refuse(still, "is with a body that does not move, and has no normal", mend="Give nx, ny and nz")
@@ -260,21 +274,6 @@ def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
 
 def _first(values: Array, bad: NDArray[np.bool_]) -> float:
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
-
-
-def _find_balls(balls: Balls, contacts: Contacts, end: str) -> Index:
-    """Return the indices of the balls that contacts name at an ``end``, "i" or "j"."""
-    wanted, count = getattr(contacts, end), len(balls.positions)
-    labels = np.arange(count) if balls.labels is None else balls.labels
-    order = np.argsort(labels, kind="stable")
-    if np.any(np.diff(labels[order]) == 0):
-        twice = labels[order][:-1][np.diff(labels[order]) == 0][0]
-        raise InputError(message(f"{balls.name} has two balls with the id {twice}"))
-    place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
-    missing = labels[order][place] != wanted if count else np.ones(len(wanted), bool)
-    named = f"balls are 0 to {count - 1}" if balls.labels is None else counted(count, "ball has an id", "balls have ids")
-    contacts.refuse(missing, f"names a ball that is not among those of {balls.name}", f"There, {named}")
-    return np.asarray(order[place], np.intp)
 
 
 def _find_shifts(

@@ -65,7 +65,14 @@ class _Columns:
             raw, self.name = read_bytes(source, MOST_BYTES), str(source)
             text = decode(self.name, raw)
             self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))[1]
-            table, self.remark = Table.parse(self.name, raw), _read_remark(self.name, text)
+            table = Table.parse(self.name, raw)
+            for line in [line for line in text.splitlines() if line.startswith(_REMARK)][:1]:
+                try:
+                    self.remark = json.loads(line.removeprefix(_REMARK))
+                except (ValueError, RecursionError):
+                    self.remark = None  # type: ignore[assignment]  # refused below
+                if not isinstance(self.remark, dict):
+                    raise InputError(message(f"{self.name}: the line {brief(line)} cannot be read", mend="Leave it out"))
             there = [heading.name for heading in table.headings]
         else:
             self.name = f"the table of {what}"
@@ -162,20 +169,6 @@ def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> 
     finite = tuple("1" if wall else cell for cell, wall in zip(table.columns[place], endless, strict=True))
     columns = (*table.columns[:place], finite, *table.columns[place + 1 :])
     return np.where(endless, math.inf, replace(table, columns=columns).column(wanted, kind))
-
-
-def _read_remark(name: str, text: str) -> dict[str, Any]:
-    """Return what a written table says of all balls; empty for a table from elsewhere."""
-    for line in text.splitlines():
-        if line.startswith(_REMARK):
-            try:
-                found = json.loads(line.removeprefix(_REMARK))
-            except (ValueError, RecursionError):
-                found = None
-            if not isinstance(found, dict):
-                raise InputError(message(f"{name}: the line {brief(line)} cannot be read", mend="Leave it out"))
-            return found
-    return {}
 
 
 def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any) -> Source:

@@ -130,19 +130,12 @@ def _digest_numbers(dataset: Dataset) -> str:
     return digest({"variables": variables, "attributes": attributes})
 
 
-#: tables of the waves in simulated arrays, each with what runs over the rows besides the states
-_WAVE_TABLES = {
-    "sweep_dos.csv": ("node",),
-    "sweep_spectra.csv": ("polarisation", "wavevector"),
-}
-
-
 def write_waves(dataset: Dataset, path: Path) -> None:
     """Write a table of the waves in simulated arrays, by the name of the file.
 
     sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector.
     """
-    extra = _WAVE_TABLES[path.name]
+    extra = ("node",) if path.name == "sweep_dos.csv" else ("polarisation", "wavevector")
     dims = (*dataset["valid"].dims, *extra)
     whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
     _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])

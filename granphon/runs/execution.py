@@ -118,15 +118,13 @@ def solve_all(
     known = store or Store()
     with progress.step(label, sum(task.steps for task in tasks)) as step:
         _Work(tasks, known, step).run(InProcess() if executor is None else executor)
-    return [_read(task, known) for task in tasks]
-
-
-def _read(task: Task, store: Store) -> TaskResult:
-    """Return the result of a finished task; if it has been damaged meanwhile, it is found again."""
-    part = store.read(task.name)
-    while part is None or task.done(part) < task.steps:
-        part = task.solve(part)
-    return part
+    parts = list[TaskResult]()
+    for task in tasks:
+        part = known.read(task.name)
+        while part is None or task.done(part) < task.steps:  # it has been damaged meanwhile, and is found again
+            part = task.solve(part)
+        parts.append(part)
+    return parts
 
 
 class _Work:
@@ -159,7 +157,12 @@ class _Work:
             while self.left or self.running:
                 if (now := time.monotonic()) - looked > _LOOK_SECONDS:
                     most, looked = count_calls(executor), now
-                while self.left and ready.empty() and len(self.running) < (1 if self._is_suspect() else most or 1):
+                while self.left and ready.empty():
+                    # the next task or one under way may be why workers were lost, and is then to be alone
+                    suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
+                    alone = not suspects.isdisjoint(chain([self.left[0]], *self.running.values()))
+                    if len(self.running) >= (1 if alone else most or 1):
+                        break
                     indices = self._take(most)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
                     future = executor.submit(advance, orders, packages(), **options)
@@ -176,12 +179,8 @@ class _Work:
             for future, indices in self.running.items():
                 if not future.cancel() and future.done() and not future.cancelled() and future.exception() is None:
                     with suppress(OutputError):  # this may be the very error that is being raised
-                        self._keep(indices, future.result())
-
-    def _is_suspect(self) -> bool:
-        """Return whether the next task or one under way may be why workers were lost, and is to be alone."""
-        suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
-        return not suspects.isdisjoint(chain([self.left[0]], *self.running.values()))
+                        for index, result in zip(indices, future.result(), strict=False):
+                            self.store.append(self.tasks[index].name, result.entry)
 
     def _take(self, calls: int) -> list[int]:
         """Take the tasks of the next of so many calls: one if it is not known to be short, or if a worker was lost with it.
@@ -197,10 +196,6 @@ class _Work:
                 break
             indices.append(self.left.popleft())
         return indices
-
-    def _keep(self, indices: Sequence[int], results: Sequence[Result]) -> None:
-        for index, result in zip(indices, results, strict=False):
-            self.store.append(self.tasks[index].name, result.entry)
 
     def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
         """Keep what a call has brought, and put back what is left of it; if its worker was lost, all of it."""
@@ -220,7 +215,8 @@ class _Work:
                 what = f"{where}: the worker process that did it has ended, {times} times"
                 mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
                 raise GranphonError(message(what, "It was killed, or ran out of memory", mend)) from None
-        self._keep(indices, results)
+        for index, result in zip(indices, results, strict=False):
+            self.store.append(self.tasks[index].name, result.entry)
         self.left.extendleft(reversed(indices[len(results) :]))
         for index, result in zip(indices, results, strict=False):
             task = self.tasks[index]

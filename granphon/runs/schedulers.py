@@ -198,13 +198,25 @@ def _kill_workers(others: Container[Any]) -> None:
 @contextmanager
 def _connect(address: str, what: str, security: Any) -> Iterator[Any]:
     from distributed import Client
+    from distributed.comm import connect
+
+    async def greet() -> None:
+        """Ask who answers: a client would wait for ever for another service that takes the connection and is silent."""
+        comm = await connect(address, timeout=_ANSWER_SECONDS, **options)
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            answer = await comm.read()
+        finally:
+            comm.abort()
+        if not isinstance(answer, dict) or answer.get("type") != "Scheduler":
+            raise ValueError(answer)
 
     options = security.get_connection_args("client")
     if address.startswith("tls://") and options["ssl_context"] is None:
         why = "The settings of dask name no certificates (distributed.comm.tls: ca-file, client.cert, client.key)"
         raise InputError(message(f"{what} cannot be reached", why, "Give those of the scheduler there"))
     try:
-        asyncio.run(asyncio.wait_for(_greet(address, options), _ANSWER_SECONDS))
+        asyncio.run(asyncio.wait_for(greet(), _ANSWER_SECONDS))
         with warnings.catch_warnings():  # of versions that differ, which are looked at here
             warnings.simplefilter("ignore")
             client = Client(address, timeout=_ANSWER_SECONDS, set_as_default=False, name="granphon", security=security)
@@ -216,17 +228,3 @@ def _connect(address: str, what: str, security: Any) -> Iterator[Any]:
     finally:
         with hold_back_signals(), suppress(Exception):
             client.close(timeout=_CLOSING_SECONDS)
-
-
-async def _greet(address: str, options: dict[str, Any]) -> None:
-    """Ask who answers there: a client would wait for ever for another service that takes the connection and is silent."""
-    from distributed.comm import connect
-
-    comm = await connect(address, timeout=_ANSWER_SECONDS, **options)
-    try:
-        await comm.write({"op": "identity", "reply": True})
-        answer = await comm.read()
-    finally:
-        comm.abort()
-    if not isinstance(answer, dict) or answer.get("type") != "Scheduler":
-        raise ValueError(answer)

@@ -76,11 +76,6 @@ def decode(entry: bytes) -> TaskResult:
     return part
 
 
-def _name_of(body: bytes) -> str:
-    """Return the name of the entry that has this body."""
-    return body.partition(b"\n")[0].decode("utf-8", "replace")
-
-
 def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult]]:
     """Yield name and result of every sound entry of a store, in the order in which they were found.
 
@@ -135,10 +130,17 @@ class Store:
         there, mine, before = set(self.names), json.loads(text), self._read_identity()
         if (identity is None or before != mine) and there - set(names()):
             if not self.force:
+                found = list(_find_differences(before, mine, "")) if before and mine is not None else []
+                more = [f"and {len(found) - _MOST_NAMED} more"] if len(found) > _MOST_NAMED else []
+                why = f"They differ: {'; '.join(found[:_MOST_NAMED] + more)}"
+                if mine is None:
+                    why = "This work has no parts that are kept, and its result would stand beside it"
+                elif not before:
+                    why = "The file does not say which work it belongs to"
                 raise FileExistsInRunError(
                     message(
                         f"{self.path} holds the finished part of other work, which was interrupted",
-                        _explain_difference(before, mine),
+                        why,
                         "Repeat that command to continue it, use --force (force=True, overwrite=True) to discard what it "
                         "has finished, or choose another folder",
                     )
@@ -166,7 +168,7 @@ class Store:
     def _read(self, name: str) -> bytes:
         """Return a sound entry; ValueError if there is none."""
         entry = b"".join(part for (part,) in self._ask("SELECT entry FROM task WHERE name = ? ORDER BY piece", name))
-        if hashlib.sha256(entry[_HEAD:]).digest() != entry[:_HEAD] or _name_of(entry[_HEAD:]) != name:
+        if hashlib.sha256(entry[_HEAD:]).digest() != entry[:_HEAD] or (entry[_HEAD:].partition(b"\n")[0] != name.encode()):
             raise ValueError
         return entry
 
@@ -236,7 +238,13 @@ class Store:
                 base = sqlite3.connect(address, _PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
                 try:
                     base.execute("PRAGMA trusted_schema = OFF")
-                    _require_sound(base)
+                    # it must be empty, or have the one table that a store has, undamaged
+                    found = [order for (order,) in base.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")]
+                    if found and found != [_TABLE]:
+                        raise sqlite3.DatabaseError("it holds something else")
+                    for (said,) in base.execute("PRAGMA integrity_check(1)").fetchall():
+                        if said != "ok":
+                            raise sqlite3.DatabaseError(said)
                 except sqlite3.Error:
                     base.close()
                     raise
@@ -329,28 +337,7 @@ def _is_empty(base: sqlite3.Connection) -> bool:
     return not base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall()
 
 
-def _require_sound(base: sqlite3.Connection) -> None:
-    """Raise sqlite3.DatabaseError unless a data base is empty, or has the one table that a store has, undamaged."""
-    found = [order for (order,) in base.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")]
-    if found and found != [_TABLE]:
-        raise sqlite3.DatabaseError("it holds something else")
-    for (said,) in base.execute("PRAGMA integrity_check(1)").fetchall():
-        if said != "ok":
-            raise sqlite3.DatabaseError(said)
-
-
 # -- whose results they are -----------------------------------------------------------------------------------------
-def _explain_difference(there: Any, here: Any) -> str:
-    """Say how the work there differs from the one here, by the first few places where they do."""
-    if here is None:
-        return "This work has no parts that are kept, and its result would stand beside it"
-    if not there:
-        return "The file does not say which work it belongs to"
-    found = list(_find_differences(there, here, ""))
-    more = [f"and {len(found) - _MOST_NAMED} more"] if len(found) > _MOST_NAMED else []
-    return f"They differ: {'; '.join(found[:_MOST_NAMED] + more)}"
-
-
 def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(here, dict):
         for key in there | here:

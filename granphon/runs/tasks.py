@@ -108,7 +108,13 @@ class CaseTasks:
             return found[0]
         marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
         order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
-        out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
+        # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
+        notes: dict[Any, Tally | str] = {}
+        for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
+            key = note if isinstance(note, str) else note[:4]
+            before = notes.get(key)
+            notes[key] = before.join(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
+        out: TaskResult = {"warnings": _write_notes(notes.values())}
         named = {name: value for part in found for name, value in part.items() if name != "warnings"}
         for name, value in named.items():
             # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
@@ -441,16 +447,6 @@ def _write_notes(notes: Iterable[Tally | str]) -> NDArray[Any]:
 def _read_note(text: bytes) -> Tally | str:
     note = json.loads(text)
     return note if isinstance(note, str) else Tally(*note)
-
-
-def _merge_notes(texts: Sequence[bytes]) -> NDArray[Any]:
-    """Merge notes on parts of the loads into notes on all of them: each condition and each sentence appears once."""
-    found: dict[Any, Tally | str] = {}
-    for note in map(_read_note, texts):
-        key = note if isinstance(note, str) else note[:4]
-        before = found.get(key)
-        found[key] = before.join(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
-    return _write_notes(found.values())
 
 
 def tell_warnings(part: TaskResult) -> list[str]:

@@ -98,20 +98,6 @@ def _call(fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         raise
 
 
-def _start_pool() -> Any:
-    """Return a pool whose process has been started."""
-    pool: Any = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _end_with_parent)
-    try:
-        pool.submit(int)
-    except Exception:
-        _kill(pool)
-        raise
-    # these ends of its pipes are the process's: if it is killed in the middle of a result, the rest is not waited for
-    pool._result_queue._writer.close()
-    pool._call_queue._reader.close()
-    return pool
-
-
 def _kill(pool: Any) -> None:
     for process in list((pool._processes or {}).values()):
         process.kill()
@@ -133,11 +119,20 @@ class Workers(Executor):
 
         Raises :class:`~granphon.base.errors.GranphonError` if a process is needed and cannot be started.
         """
-        pool = min(self._pools, key=lambda one: len(one._pending_work_items), default=None)
+        pool: Any = min(self._pools, key=lambda one: len(one._pending_work_items), default=None)
         if pool is None or (pool._pending_work_items and len(self._pools) < self._max_workers):
             try:
                 with hold_back_signals():
-                    self._pools.append(pool := _start_pool())
+                    pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _end_with_parent)
+                    try:
+                        pool.submit(int)  # which starts the process
+                    except Exception:
+                        _kill(pool)
+                        raise
+                    # these ends of its pipes are the process's: if it is killed within a result, the rest is not waited for
+                    pool._result_queue._writer.close()
+                    pool._call_queue._reader.close()
+                    self._pools.append(pool)
             except (OSError, RuntimeError) as error:  # too many processes, open files or threads
                 why = getattr(error, "strerror", None) or error
                 what = f"worker process {len(self._pools) + 1} cannot be started: {why}"

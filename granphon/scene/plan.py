@@ -157,11 +157,6 @@ class Plan:
         """Number of states; a state is one case at one load."""
         return self.n_cases * self.load.size
 
-    @property
-    def is_single(self) -> bool:
-        """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
-        return self.scene.is_single
-
     @cached_property
     def grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
@@ -169,7 +164,7 @@ class Plan:
         sound = "velocities" in scene.observe
         asked = Asked(
             scene.finite_overlap, direction=scene.direction, waves=scene.waves, exponents=sound,
-            sound=sound or not {"bands", "dos"} & set(scene.observe), alone=self.is_single,
+            sound=sound or not {"bands", "dos"} & set(scene.observe), alone=self.scene.is_single,
         )  # fmt: skip
         return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, asked)
 
@@ -181,7 +176,7 @@ class Plan:
     @property
     def case(self) -> PlannedCase:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
-        if not self.is_single:
+        if not self.scene.is_single:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
         return self.cases[0]
 
@@ -197,7 +192,7 @@ class Plan:
     @property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
-        return not self.is_single or bool(self.serving.arrays)
+        return not self.scene.is_single or bool(self.serving.arrays)
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
@@ -243,13 +238,13 @@ class Plan:
                         )
                         if scene.parameters_of_branches:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
-                        elif not self.is_single:
+                        elif not self.scene.is_single:
                             mend = "It has bands, which a sweep without velocities has: observe: [bands]"
                         raise MechanismError(message(str(error), mend=mend)) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
                 # a sweep leaves it to its own processes to solve one law after the other
-                later = not self.is_single and medium.is_solved_anew
+                later = not self.scene.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
@@ -372,7 +367,7 @@ class Plan:
 
         branches = structure.n_balls * scene.packing.ball_motions.count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
-        if not self.is_single:
+        if not self.scene.is_single:
             path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)
             mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
             return [*out, waves, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]

@@ -72,7 +72,7 @@ def list_files(plan: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run writes."""
     seen, drawn = plan.scene.observe, list[str]()
     names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (plan.scene.diameters is not None), "sweep.nc", "sweep.csv"]
-    if not plan.is_single:
+    if not plan.scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
         drawn += ["sweep.png"] * (not tell_undrawn(plan)) + [name for name, of in SWEEP_FIGURES.items() if of in seen]
         return tuple(names), tuple(drawn)
@@ -145,7 +145,7 @@ def tell_undrawn(plan: Plan) -> str:
     """Say which figure of several states there is not, and why; an empty text if there is one."""
     scene = plan.scene
     varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
-    if plan.is_single or len(varied) <= 1:
+    if plan.scene.is_single or len(varied) <= 1:
         return ""
     return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
 

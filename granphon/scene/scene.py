@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from granphon.runs.dataset import Dataset
-    from granphon.scene.results import RunResult
+    from granphon.scene.run import RunResult
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, s
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]
         load = ReducedLoad(force=here.force * (1.0 + 2.0 * step)) if by_force else ReducedLoad(overlap=here.overlap + step)
-        direct, slow = paths.step(trail, load), paths.stepper.relax_overdamped(trail, load)
+        direct, slow = paths.stepper.step(trail, load), paths.stepper.relax_overdamped(trail, load)
         assert slow is not None
         assert slow.residual <= 1e-9
         assert paths.stepper.measure(slow, load) == pytest.approx(paths.stepper.measure(direct, load), rel=1e-12)

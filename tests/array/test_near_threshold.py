@@ -12,7 +12,6 @@ from granphon.array import linear_response
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.interior import split
-from granphon.array.krylov import conjugate_gradients, solve_for_motion
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.sparse_matrices import factorise_contacts
@@ -202,15 +201,8 @@ def test_linear_response_is_the_same_where_single_precision_does_not_serve(monke
     tension = stiffness * np.random.default_rng(0).normal(size=stiffness.shape)
     found = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
     monkeypatch.setattr(linear_response, "_STALLED", 0.0)
-    solved = []
-
-    def solve(apply, precondition, right, *arguments):
-        solved.append(right.dtype)
-        return conjugate_gradients(apply, precondition, right, *arguments)
-
-    monkeypatch.setattr(linear_response, "conjugate_gradients", solve)
     double = find_linear_response(stencils, stiffness, [tension], 1e-8)[0]
-    assert solved == [np.dtype(float)]
+    assert not np.array_equal(double, found)
     one, other = (stencils.deformations(Motion(motion, 0.0)) for motion in (found, double))
     assert np.sum(stiffness * (one - other) ** 2) <= 1e-14 * np.sum(stiffness * one**2)
 
@@ -234,22 +226,3 @@ def test_factors_are_chosen_by_state_and_size(monkeypatch):
     assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.5))
     monkeypatch.setattr("granphon.array.preconditioners.MOST_BALLS", (256, 255, 256))
     assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.5), hard=True)
-
-
-def test_stale_factors_still_serve():
-    # those of a sample under another load, with other contacts closed: more steps than with its own, and fewer than with
-    # Green's function alone
-    stencils, x = Stencils((24, 24)), balls((24, 24), 3)
-    before, now = (equilibrate(x, ReducedLoad(overlap=y)).stiffnesses for y in (-0.115, -0.12))
-    assert np.any((before > 0.0) != (now > 0.0))
-    preconditioners = Preconditioners(stencils)
-    stale, own = (preconditioners.choose(one, hard=True) for one in (before, now))
-    force = Motion(stencils.forces(now), 0.0)
-    found = [
-        solve_for_motion(stencils.hessian(now), force, inverse, 1e-8, None)
-        for inverse in (own, stale, stencils.green_preconditioner(float, float(np.mean(now))))
-    ]
-    strains, steps = [now * stencils.deformations(one) for one, _ in found], [count for _, count in found]
-    for strain in strains[:2]:
-        np.testing.assert_allclose(strain, strains[2], rtol=0.0, atol=1e-6 * abs(now).max())
-    assert 0 < steps[0] < steps[1] < steps[2]

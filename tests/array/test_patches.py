@@ -67,20 +67,6 @@ def test_balls_of_a_patch_move_as_if_all_others_were_held(lattice):
     np.testing.assert_array_equal(motion[others], 7.0)
 
 
-def test_the_worst_balls_come_with_their_neighbours():
-    stencils = Stencils((12, 12), ETA)
-    forces = np.full((3, 12, 12), 1e-3)
-    forces[1, 2, 3], forces[2, 0, 11] = 1.0, -0.8
-    found = np.zeros((12, 12), bool)
-    found.ravel()[Patches(stencils).find_worst(forces)] = True
-    expected = np.zeros((12, 12), bool)
-    expected[2, 3] = expected[0, 11] = True
-    # a contact has an end there if the sum over its two balls is above zero; its balls are the worst and their neighbours
-    touched = stencils.average_pairs(expected.astype(float)) > 0.0
-    np.testing.assert_array_equal(found, stencils.around(touched.astype(float)) > 0.0)
-    assert np.count_nonzero(found) == 14
-
-
 #: balls that hold the next one, while the rest of the array hardly holds the two
 PAIRS = {(4, 4): 3e-2, (12, 20): 1e-2, (25, 9): 5e-3, (20, 28): 2e-3, (9, 14): 1e-3}
 
@@ -120,18 +106,3 @@ def test_weakly_held_balls_are_found_and_save_iterations(push, monkeypatch):
     without, none = solve(300)
     assert none.size == 0
     assert taken < 0.75 * without
-
-
-def test_a_matrix_without_inverse_leaves_the_equations_to_the_iterations(monkeypatch):
-    stencils = Stencils((6, 6), ETA)
-    tangent = draw_tangent(stencils)
-    monkeypatch.setattr(patches, "_HOLDING", 0.0)
-    none = Tangent(*(np.zeros_like(one) for one in (tangent.stiffness, tangent.shear, tangent.coupling, tangent.sliding)))
-    assert Patches(stencils).invert(np.arange(4), none) is None
-    monkeypatch.setattr(load_step, "_FEW", 2)
-    monkeypatch.setattr(Patches, "invert", lambda *args: None)
-    pull = np.random.default_rng(4).normal(size=(3, 6, 6))
-    pull -= np.mean(pull, axis=(1, 2), keepdims=True)
-    product = multiply(stencils, tangent)
-    way, _ = LinearSteps(Patches(stencils), damped=False).solve(product, tangent, pull, None, 1e-4)
-    assert np.linalg.norm(product(way.balls.astype(np.float32), None)[0] - pull) < 2e-4 * np.linalg.norm(pull)

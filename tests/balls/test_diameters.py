@@ -542,21 +542,21 @@ def test_fractions_within_rounding_are_divided_by_their_sum():
 def test_balls_of_no_size():
     for spread in (Uniform(2.1e-3), Normal(0.4e-3)):
         with pytest.raises(InputError, match="smallest ball"):
-            spread.check_sizes(1e-3)
-        spread.check_sizes(1.0)
+            spread.check_diameter(1e-3)
+        spread.check_diameter(1.0)
     with pytest.raises(InputError, match="diameter"):
-        Uniform(1e-6).check_sizes(-1.0)
+        Uniform(1e-6).check_diameter(-1.0)
 
 
 @pytest.mark.claim("api-diameters")
 def test_the_mean_must_be_the_diameter_of_the_packing():
-    TWO.check_mean(8e-3)
-    TWO.check_mean(8e-3 * (1 + 5e-10))
-    Uniform(1e-6).check_mean(5.0)
+    TWO.check_diameter(8e-3)
+    TWO.check_diameter(8e-3 * (1 + 5e-10))
+    Uniform(1e-6).check_diameter(5.0)
     with pytest.raises(InputError, match=r"mean of the diameters is 0.008 m, the packing's diameter is 0.00801 m"):
-        TWO.check_mean(8.01e-3)
+        TWO.check_diameter(8.01e-3)
     with pytest.raises(InputError, match="diameter"):
-        TWO.check_mean(math.nan)
+        TWO.check_diameter(math.nan)
 
 
 @pytest.mark.parametrize("shape", [-1, 2.5, True, "ab", (), (3, -1), (2, 2.0)])

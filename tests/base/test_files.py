@@ -1,4 +1,3 @@
-import errno
 import math
 import re
 from contextlib import suppress
@@ -9,7 +8,6 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from granphon.base import text as files
 from granphon.base.errors import InputError, SceneError
 from granphon.base.text import closest, dump_yaml, parse_yaml, plain_yaml, read_text, versions, write_float
 
@@ -170,33 +168,6 @@ def test_read_text_takes_a_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "s.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\r\n")
     assert parse_yaml(read_text(path), "s").data == {"a": 1}
-
-
-def test_unreadable_files(tmp_path: Path) -> None:
-    binary, large, unreadable = tmp_path / "b", tmp_path / "l", tmp_path / "f" / "x"
-    binary.write_bytes(b"a: 1\nb: \xff\xfe")
-    large.write_bytes(b"a" * (files.MOST_SCENE_BYTES + 1))
-    (tmp_path / "f").write_text("")
-    for path, found in (
-        (tmp_path / "none", "no such file"),
-        (tmp_path, "is a folder"),
-        (binary, f"{binary}:2 cannot be read: found the byte 0xff"),
-        (large, "more than 100 kB"),
-        (unreadable, "cannot be read: Not a directory"),
-        (tmp_path / "a\0b", "cannot be read"),
-    ):
-        with pytest.raises(SceneError) as caught:
-            read_text(path)
-        assert found in str(caught.value)
-
-
-def test_a_file_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr("builtins.open", refuse)
-    with pytest.raises(SceneError, match="cannot be read: Permission denied"):
-        read_text(tmp_path / "s.yaml")
 
 
 def test_closest() -> None:

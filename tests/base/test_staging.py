@@ -76,15 +76,11 @@ def test_a_single_file_replaces_what_is_there(tmp_path: Path) -> None:
 )
 def test_failure_leaves_nothing(tmp_path: Path, failure: BaseException) -> None:
     expected = OutputError if isinstance(failure, OSError) else type(failure)
-    with pytest.raises(expected), staging(tmp_path / "new" / "deeper", ["a"]) as place:  # noqa: PT012
+    words = r"No space left on device.*Free some space|^bug$|^$"
+    with pytest.raises(expected, match=words), staging(tmp_path / "new" / "deeper", ["a"]) as place:  # noqa: PT012
         (place / "a").write_text("half")
         raise failure
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_named(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"No space left on device.*Free some space"), staging(tmp_path / "o", ["a"]):
-        raise OSError(errno.ENOSPC, "No space left on device")
 
 
 @pytest.mark.parametrize("bad", ["a", "b", LIST])

@@ -19,6 +19,7 @@ from granphon.base.staging import LIST
 from granphon.cli.commands import main
 from granphon.scene.result_files import expected_files
 from granphon.scene.scene import Scene
+from tests.conftest import one_error
 
 SCENE = """\
 schema: 1
@@ -55,15 +56,6 @@ def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[s
     return subprocess.run([sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options)
 
 
-def one_error(capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line on stderr, without its prefix."""
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("granphon: error: ")
-    assert err.count("\n") == 1
-    return err.removeprefix("granphon: error: ").strip()
-
-
 def tree(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.name != LIST}
 
@@ -79,15 +71,10 @@ FORCES = "a force above zero with its unit"
 MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     # keys
     "misspelt block": ("material:", "materal:", 2, "materal", "an unknown key", TOP, "Did you mean 'material'?"),
-    "misspelt key in material": (
-        "density:", "densty:", 5, "material.densty", "an unknown key", "young_modulus, poisson_ratio, density, yield_strength",
-        "Did you mean 'density'?",
-    ),
     "misspelt key in packing": (
         "diameter:", "diametre:", 8, "packing.diametre", "an unknown key", "lattice, diameter, spread, friction, finite_overlap",
         "Did you mean 'diameter'?",
     ),
-    "misspelt key in load": ("force:", "forse:", 11, "load.forse", "an unknown key", "force, pressure, overlap", "'force'?"),
     "misspelt key in phonopy": (
         "band_points:", "band_point:", 17, "phonopy.band_point", "an unknown key",
         "dim, band, band_labels, band_points, mesh", "Did you mean 'band_points'?",
@@ -107,15 +94,12 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "no unit": ("8 mm", "8", 8, "packing.diameter", "8, without a unit", LENGTHS, "Write the unit too"),
     "no unit, quoted": ("8 mm", "'8'", 8, "packing.diameter", "'8', without a unit", LENGTHS, "Write the unit too"),
     "wrong unit": ("8 mm", "8 kg", 8, "packing.diameter", "'8 kg', whose unit is not a unit of length", LENGTHS, ""),
-    "unit of temperature": ("8 mm", "8 degC", 8, "packing.diameter", "'8 degC', whose unit is not a unit of", LENGTHS, ""),
-    "force for a pressure": ("211.65 GPa", "211.65 GN", 3, "material.young_modulus", "whose unit is not a unit of", "GPa", "211.65 GPa"),
     "stress for a linear pressure": (
         "force: 18.446 N", "pressure: 4 kPa", 11, "load.pressure", "'4 kPa', whose unit is not a unit of force per length",
         "N/m, kN/m", "",
     ),
     "unknown unit": ("8 mm", "8 parsnip", 8, "packing.diameter", "'8 parsnip', whose unit is not known", LENGTHS, ""),
     "misspelt unit": ("GPa", "Gpa", 3, "material.young_modulus", "'211.65 Gpa', whose unit", "GPa", "Did you mean '211.65 GPa'?"),
-    "two units": ("8 mm", "8 m m", 8, "packing.diameter", "'8 m m', which is not one number and one unit", LENGTHS, ""),
     "expression": ("8 mm", "8*9 mm", 8, "packing.diameter", "'8*9 mm', which is not one number and one unit", LENGTHS, ""),
     "many digits": (
         "18.446 N", f"{'1' * 5000} N", 11, "load.force", "a text of 5002 letters", "in 100 letters at most", "",
@@ -128,34 +112,24 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
     "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),
     "plain nan": ("8 mm", ".nan", 8, "packing.diameter", "nan, which is not a finite number", LENGTHS, ""),
-    "inf": ("8 mm", "inf mm", 8, "packing.diameter", "'inf mm', which is not a finite number", LENGTHS, ""),
-    "plain inf": ("8 mm", "-.inf", 8, "packing.diameter", "-inf, which is not a finite number", LENGTHS, ""),
     "huge": ("8 mm", "1e9999 mm", 8, "packing.diameter", "'1e9999 mm', which is not a finite number", LENGTHS, ""),
     "tiny": ("8 mm", "1e-9999 mm", 8, "packing.diameter", "'1e-9999 mm', which is too small", LENGTHS, ""),
     "zero size": ("8 mm", "0 mm", 8, "packing.diameter", "'0 mm', which is zero", LENGTHS, ""),
     "negative size": ("8 mm", "-8 mm", 8, "packing.diameter", "'-8 mm', which is negative", LENGTHS, ""),
-    "negative modulus": ("211.65 GPa", "-1 GPa", 3, "material.young_modulus", "'-1 GPa', which is negative", "GPa", ""),
-    "zero density": ("7840 kg/m^3", "0 kg/m^3", 5, "material.density", "'0 kg/m^3', which is zero", "kg/m^3, g/cm^3", ""),
     "a modulus beyond double precision": (
         "211.65 GPa", "1e300 Pa", 3, "material.young_modulus", "'1e300 Pa'", "a ball that double precision can hold",
         "balls of 0.008 m of 1e+300 Pa and 7840 kg/m^3 are beyond double precision",
-    ),
-    "a density beyond double precision": (
-        "7840 kg/m^3", "1e300 kg/m^3", 5, "material.density", "'1e300 kg/m^3'", "a ball that double precision can hold", "",
     ),
     "a ball beyond double precision": ("8 mm", "1e-150 m", 8, "packing.diameter", "'1e-150 m'", "double precision", ""),
     "list of sizes": ("8 mm", "[8 mm]", 8, "packing.diameter", "['8 mm']", LENGTHS, ""),
     # numbers
     "Poisson ratio too large": ("0.276", "0.51", 4, "material.poisson_ratio", "0.51", "-1 < poisson_ratio <= 0.5", "not stable"),
-    "Poisson ratio too small": ("0.276", "-1", 4, "material.poisson_ratio", "-1", "-1 < poisson_ratio <= 0.5", "not stable"),
-    "Poisson ratio nan": ("0.276", ".nan", 4, "material.poisson_ratio", "nan", "-1 < poisson_ratio <= 0.5", ""),
     "Poisson ratio with a unit": ("0.276", "0.276 Pa", 4, "material.poisson_ratio", "'0.276 Pa'", "a plain number", "without"),
     "number with underscores": ("points: 11", "points: 1_1", 17, "phonopy.band_points", "'1_1'", "a whole number from 2", ""),
     "newer schema": ("schema: 1", "schema: 2", 1, "schema", "2", "1.", "newer granphon"),
     # loads
     "tensile load": ("18.446 N", "-18.446 N", 11, "load.force", "'-18.446 N', which is tensile", FORCES, ""),
     "zero load": ("18.446 N", "0 N", 11, "load.force", "'0 N', which is zero", FORCES, ""),
-    "overlap beyond the diameter": ("force: 18.446 N", "overlap: 9 mm", 11, "load.overlap", "'9 mm'", "can carry", "Lower the load"),
     "overlap of the diameter": ("force: 18.446 N", "overlap: 8 mm", 11, "load.overlap", "'8 mm'", "can carry", "Lower the load"),
     "force that crushes": ("18.446 N", "1 TN", 11, "load.force", "'1 TN'", "a load that the balls can carry", "Lower the load"),
     "two loads": (
@@ -179,10 +153,8 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "misspelt key in a range": (
         "18.446 N", "{from: 1 N, too: 9 N, points: 3}", 11, "load.force.too", "an unknown key", "from, to, points", "Did you mean 'to'?",
     ),
-    "range of no points": ("18.446 N", "{from: 1 N, to: 9 N, points: 0}", 11, "load.force.points", "0", "from 1 to 200000", ""),
     "range of too many points": ("18.446 N", "{from: 1 N, to: 9 N, points: 200001}", 11, "load.force.points", "200001", "200000", ""),
     "range of one point": ("18.446 N", "{from: 1 N, to: 9 N, points: 1}", 11, "load.force.points", "1 for the range from 1 N", "1 if", ""),
-    "range of no length": ("18.446 N", "{from: 1 N, to: 1 N, points: 2}", 11, "load.force.points", "2 for the range from 1 N", "1 if", ""),
     "range on an unknown scale": (
         "18.446 N", "{from: 1 N, to: 9 N, points: 3, scale: logarithmic}", 11, "load.force.scale", "'logarithmic'", "log, linear", "",
     ),
@@ -205,7 +177,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     # names
     "unknown medium": ("medium: ala", "medium: emma", 12, "medium", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
-    "misspelt simulation": ("medium: ala", "medium: simulaton", 12, "medium", "'simulaton'", "ala, afa, ema, cluster, simulation", "'simulation'?"),
     "unknown option of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium.ema.tol", "an unknown key", "local_field", ""),
     "option of another medium": ("medium: ala", "medium: {ala: {local_field: paper}}", 12, "medium.ala.local_field", "an unknown key", "none", ""),
     "value of an option": ("medium: ala", "medium: {ema: {local_field: papr}}", 12, "medium.ema.local_field", "'papr'", "computed, paper", "'paper'?"),
@@ -217,7 +188,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "shape of three": ("medium: ala", "medium: {simulation: {shape: 16 16 1}}", 12, "medium.simulation.shape", "'16 16 1'", "two whole numbers from 1", "such as 128 128"),
     "shape without a side": ("medium: ala", "medium: {simulation: {shape: [0, 9]}}", 12, "medium.simulation.shape", "[0, 9]", "two whole numbers from 1", ""),
     "one side": ("medium: ala", "medium: {simulation: {shape: 64}}", 12, "medium.simulation.shape", "64", "such as 128 128", ""),
-    "no sample": ("medium: ala", "medium: {simulation: {samples: 0}}", 12, "medium.simulation.samples", "0", "a whole number from 1", ""),
     "seed that is none": ("medium: ala", "medium: [ala, simulation: {seed: -1}]", 12, "medium.1.simulation.seed", "-1", "a whole number from 0", ""),
     "simulation with finite overlap": (
         "  friction: true\nload:\n  force: 18.446 N\nmedium: ala", "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, {simulation: {geometry: lattice}}]", 9,
@@ -229,7 +199,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "a medium for the", "the square lattice is not simulated",
     ),
     "two media in a block": ("medium: ala", "medium: {ala: , ema: }", 12, "medium", "a block of keys", "ala, afa, ema", ""),
-    "no medium in a list": ("medium: ala", "medium: []", 12, "medium", "an empty list", "a list of one or more media", ""),
     "one of many media": ("medium: ala", "medium: [ala, emma]", 12, "medium.1", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
     "medium twice": ("medium: ala", "medium: [ema, afa, ema]", 12, "medium", "'ema' twice", "each once", ""),
     "unknown lattice": ("triangular", "triangle", 7, "packing.lattice", "'triangle'", "chain, triangular, square", "'triangular'?"),
@@ -257,9 +226,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "misspelt spread": (
         "friction: true", "spread: {unifrom: 2 um}", 9, "packing.spread.unifrom", "an unknown key", "uniform, normal", "'uniform'?",
     ),
-    "spread without a unit": (
-        "friction: true", "spread: {uniform: 2}", 9, "packing.spread.uniform", "2, without a unit", "a length, zero or above", "Write the",
-    ),
     "negative spread": (
         "friction: true", "spread: {uniform: -2 um}", 9, "packing.spread.uniform", "which is negative", "a length, zero or above", "",
     ),
@@ -268,9 +234,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     "normal without a width": (
         "friction: true", "spread: {normal: {cutoff: 3}}", 9, "packing.spread.normal.std", "nothing", "a length, zero or above", "",
-    ),
-    "cutoff with a unit": (
-        "friction: true", "spread: {normal: {std: 1 um, cutoff: 3 um}}", 9, "packing.spread.normal.cutoff", "'3 um'", "plain number", "unit",
     ),
     "cutoff too large": (
         "friction: true", "spread: {normal: {std: 1 um, cutoff: 11}}", 9, "packing.spread.normal.cutoff", "11", "from 0.001 to 10", "",
@@ -318,7 +281,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "range that ends in no packing": (
         "medium: ala", "sweep: {width: {from: 1 um, to: 20 mm, points: 9}}", 12, "sweep.width.to", "'20 mm'", "can have", "smaller",
     ),
-    "plain number with a unit": ("medium: ala", "sweep: {poisson_ratio: [0.1 Pa]}", 12, "sweep.poisson_ratio.0", "'0.1 Pa'", "plain", ""),
     "spread of a sweep": (
         "medium: ala", "sweep: {spread: [{unifrom: 1 um}]}", 12, "sweep.spread.0.unifrom", "an unknown key", "uniform", "'uniform'?",
     ),
@@ -351,11 +313,9 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "indentation": ("  force: 18.446 N", "force: 3 N\n   overlap: 3", 12, "", "broken YAML", "YAML", "indentation"),
     "tab": ("  force", "\tforce", 11, "", "broken YAML", "YAML", "Indent with spaces"),
     "object tag": ("18.446 N", "!!python/object/apply:os.getcwd []", 11, "load.force", "the tag", "plain values", "Leave the tag out"),
-    "own tag": ("18.446 N", "!newton 3", 11, "load.force", "the tag '!newton'", "plain values", "Leave the tag out"),
     "alias": ("medium: ala", "medium: &a ala", 12, "medium", "an anchor or alias", "plain values", "Write the value out"),
     "control character": ("ala", "a\x07la", 12, "", "the character '\\x07'", "printable text", ""),
     "empty file": (SCENE, "", 1, "", "an empty text", "a scene", "granphon init"),
-    "comments only": (SCENE, "# nothing\n", 2, "", "an empty text", "a scene", "granphon init"),
     "null": (SCENE, "---\n...\n", 2, "", "nothing", TOP, ""),
     "a list": (SCENE, "- a\n- b\n", 1, "", "a list", TOP, ""),
     "a word": (SCENE, "steel\n", 1, "", "'steel'", TOP, ""),
@@ -496,6 +456,12 @@ def test_run_writes_spectra_that_are_read_back(work):
     np.testing.assert_allclose(dos.total, phonons.dos((8, 8)).total, rtol=1e-12)
     summary = yaml.safe_load((work / "out/summary.yaml").read_text())
     assert summary["top_frequency"] == expected.frequencies.max()
+    # and what was expected
+    plan = Scene.from_yaml("scene.yaml").plan
+    assert tuple(path.name for path in result.files) == expected_files(plan, figures=False)
+    assert set(expected_files(plan)) - set(expected_files(plan, figures=False)) == {"bands.png"}
+    alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
+    assert expected_files(alone.plan) == (*ALONE, "dos.csv", "dos.png")
     assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy", "spglib"}
 
 
@@ -603,16 +569,6 @@ def test_force_leaves_no_file_of_the_earlier_run(work):
     assert tree(work / "out") == {*ALONE, "notes.txt"}
 
 
-def test_expected_files_are_those_written(work):
-    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
-    scene = Scene.from_yaml("scene.yaml")
-    result = scene.run("out", figures=False)
-    assert tuple(path.name for path in result.files) == expected_files(scene.plan, figures=False)
-    assert set(expected_files(scene.plan)) - set(expected_files(scene.plan, figures=False)) == {"bands.png"}
-    alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
-    assert expected_files(alone.plan) == (*ALONE, "dos.csv", "dos.png")
-
-
 def test_a_failing_computation_leaves_nothing(work, capsys):
     # a large overlap with the prestress kept: the lattice buckles
     text = SPECTRA.replace("friction: true", "friction: false\n  finite_overlap: true").replace(
@@ -638,16 +594,6 @@ def test_folders_that_cannot_be_written(work, capsys):
         assert main(["run", "scene.yaml", "-o", folder]) == 1
         assert found in one_error(capsys)
     assert tree(work) == {"scene.yaml"}
-
-
-def test_a_read_only_folder(work, capsys, monkeypatch):
-    (work / "out").mkdir()
-    monkeypatch.setattr(os, "access", lambda *_, **__: False)
-    assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    error = one_error(capsys)
-    assert "there is no permission to write to" in error
-    assert "out. Choose another folder" in error
-    assert tree(work) == {"scene.yaml", "out"}
 
 
 @pytest.mark.parametrize("existing", [True, False])

@@ -7,7 +7,6 @@ import multiprocessing
 import os
 import pickle
 import re
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -38,8 +37,7 @@ from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
-from granphon.scene.results import RunResult
-from granphon.scene.run import is_complete
+from granphon.scene.run import RunResult, is_complete
 from granphon.scene.scene import Scene
 from tests.conftest import only
 
@@ -109,20 +107,24 @@ def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseEx
 # -- one state ------------------------------------------------------------------------------------------------------
 
 
-def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
-    (work / "scene.yaml").write_text(ONE)
+@pytest.mark.parametrize("local_field", ["computed", "paper"])
+def test_balls_that_differ_have_a_summary_of_their_own(work, capsys, local_field):
+    text = ONE.replace("medium: ema", f"medium: {{ema: {{local_field: {local_field}}}}}")
+    (work / "scene.yaml").write_text(text)
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
-    packing = Scene.from_text(ONE).packing
-    medium = gp.EffectiveMedium(packing)
+    medium = gp.EffectiveMedium(Scene.from_text(text).packing, local_field=local_field)
     state, got = medium.at_force(3.0), summary("out")
     for name in state.units:
         assert got[name] == getattr(state, name)
-    assert (got["medium"], got["regime"], got["valid"]) == ("ema", "intermediate", True)
+    label = "ema" if local_field == "computed" else "ema(local_field=paper)"
+    assert (got["medium"], got["regime"], got["valid"]) == (label, "intermediate", True)
     assert got["exponent"] == gp.local_exponent(state)
     assert got["width"] == 2.04e-6
     assert got["local_field"] == {name: getattr(medium.local_field, name) for name in ("alpha", "beta", "xi")}
     assert got["longitudinal"] == gp.sound_velocities(state).longitudinal
     assert capsys.readouterr() == ("", "")
+    for other in (ONE.replace("2.04 um", "0 um"), ONE.replace("medium: ema", "medium: afa")):
+        assert "local_field" not in Scene.from_text(other).run("out", force=True).summary()
 
 
 def test_a_lattice_without_a_pressure_has_none_in_its_summary(work, monkeypatch):
@@ -132,27 +134,6 @@ def test_a_lattice_without_a_pressure_has_none_in_its_summary(work, monkeypatch)
     got = Scene(packing, Load("force", (3.0,))).run("out").summary()
     assert "pressure" not in got
     assert got["force"] == 3.0
-
-
-def test_the_printed_local_field_reaches_the_summary(work):
-    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: {ema: {local_field: paper}}"))
-    result = Scene.from_yaml("scene.yaml").run("out")
-    medium = gp.EffectiveMedium(result.state.packing, local_field="paper")
-    assert result.state == medium.at_force(3.0)
-    got = summary("out")
-    assert (got["medium"], got["local_field"]["alpha"]) == ("ema(local_field=paper)", 0.585405)
-
-
-def test_bands_are_those_of_the_medium(work):
-    (work / "scene.yaml").write_text(ONE + "observe: [bands]\nphonopy: {band_points: 3}\n")
-    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
-    state = gp.EffectiveMedium(result.state.packing).at_force(3.0)
-    np.testing.assert_array_equal(result.bands.frequencies, gp.Phonons(state).bands("GKMG", npoints=3).frequencies)
-
-
-def test_equal_balls_and_other_media_have_no_local_field(work):
-    for text in (ONE.replace("2.04 um", "0 um"), ONE.replace("medium: ema", "medium: afa")):
-        assert "local_field" not in Scene.from_text(text).run("out", force=True).summary()
 
 
 def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
@@ -258,12 +239,6 @@ def test_without_friction_or_of_one_sample_there_is_no_error(work):
     assert result.summary()["contact_force_fluctuation"] > result.summary()["force_fluctuation"]
 
 
-def test_another_result_leaves_no_sample_behind(work):
-    Scene.from_text(SIMULATED).run("out")
-    Scene.from_text(ONE).run("out", force=True)
-    assert listed(work / "out") == ALL - {"sweep.png"}
-
-
 def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsys, monkeypatch):
     def simulated(*_: object) -> None:
         raise AssertionError
@@ -349,16 +324,6 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
     assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: ala is not reliable below ")
     assert set(got["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
     assert (work / "new" / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(("kind", "values"), [("pressure", "[4 kN/m, 1 kN/m]"), ("overlap", "[1 um, -0.3 um]")])
-def test_every_kind_of_load_is_swept(work, kind, values):
-    text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", f"{kind}: {values}").replace("[ala, afa, ema]", "afa")
-    result = Scene.from_text(text).run("out", figures=False)
-    given = Scene.from_text(text).load.values
-    np.testing.assert_array_equal(result.dataset[kind], given)
-    state = getattr(gp.AveragedForce(gp.Packing(result_material(result), 8e-3, gp.Uniform(1e-6))), f"at_{kind}")(given)
-    np.testing.assert_array_equal(result.dataset["normal_stiffness"].sel(medium="afa", width=1e-6), state.normal_stiffness)
 
 
 def result_material(result: RunResult) -> gp.Material:
@@ -493,6 +458,10 @@ def test_a_folder_has_one_run_at_a_time(work, capsys):
         assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "another run is writing into out" in capsys.readouterr().err
     assert not (work / "out").exists()
+    Scene.from_text(ONE).run("out")
+    with ResultFiles("out", [], force=True).open():  # nor is a figure drawn beside a result that is being written
+        assert main(["plot", "out", "--force"]) == 1
+    assert "another run is writing into out" in capsys.readouterr().err
 
 
 def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys):
@@ -579,6 +548,7 @@ def test_settings_that_keep_matplotlib_from_being_imported_leave_the_numbers(wor
 
 def test_a_result_of_another_kind_is_replaced_as_a_whole(work):
     Scene.from_text(SWEEP).run("out")
+    Scene.from_text(SIMULATED).run("out", force=True)
     Scene.from_text(ONE).run("out", force=True)
     assert listed(work / "out") == ALL - {"sweep.png"}
     Scene.from_text(SWEEP).run("out", force=True)
@@ -720,18 +690,20 @@ def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, mo
     assert listed(work) == {"scene.yaml"} | ({"out"} if name == "kill" else set())
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), MemoryError()])
-def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error):
+@pytest.mark.parametrize(
+    ("error", "options"), [(KeyboardInterrupt(), ["--resume", "--force"]), (MemoryError(), ["--resume"])]
+)
+def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error, options):
     with monkeypatch.context() as patch:
         interrupted_after(2, patch, error)
-        assert main(["run", "scene.yaml", "-o", "out"]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
+        assert main(["run", "scene.yaml", "-o", "out", *options]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
     assert listed(work / "out") == {WORK_FILE}
     assert count_parts(work / "out") == 2
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, error)
-        assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+        assert main(["run", "scene.yaml", "-o", "out", "-q", *options]) == 0
     assert len(begun) == 6 - 2
     assert listed(work / "out") == ALL
     assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
@@ -751,42 +723,27 @@ def test_a_file_that_is_missing_is_named(work, capsys):
     assert "but not" not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("options", only([["--resume", "--force"]], [[], ["--force"], ["--resume", "--force"]]))
-def test_the_same_command_again_goes_on(work, monkeypatch, options):
-    with monkeypatch.context() as patch:
-        interrupted_after(2, patch, KeyboardInterrupt())
-        assert main(["run", "scene.yaml", "-o", "out", *options]) == 130
-    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
-    assert main(["run", "scene.yaml", "-o", "out", "-q", *options]) == 0
-    assert len(begun) == 6 - 2
-    assert listed(work / "out") == ALL
-    # and with nothing to go on with
-    Scene.from_yaml("scene.yaml").run("other", resume=True)
-    assert len(begun) == 4 + 6
-    assert listed(work / "other") == ALL
-
-
-def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [(SWEEP.replace("20 N", "21 N").replace("7840", "7841"), "differ: force[1] is 3.16978638492"), (ONE, "other work")],
+)
+def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys, other, told):
     with monkeypatch.context() as patch:
         interrupted_after(4, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "out"]) == 130
     kept = {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()}
-    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N").replace("7840", "7841"))
+    (work / "other.yaml").write_text(other)
     capsys.readouterr()
     for option in ([], ["--resume"]):
         assert main(["run", "other.yaml", "-o", "out", *option]) == 1
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
-        for words in (
-            "out/.granphon-sweep holds the finished part of other work",
-            "differ: force[1] is 3.16978638492",
-            "--force",
-        ):
+        for words in ("out/.granphon-sweep holds the finished part of other work", told, "--force"):
             assert words in err
         assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
     assert main(["run", "other.yaml", "-o", "out", "--force", "-q"]) == 0
-    assert listed(work / "out") == ALL
-    assert load_sweep("out/sweep.nc")["force"][-1] == 21.0
+    assert listed(work / "out") == ALL - ({"sweep.png"} if other == ONE else set())
+    assert load_sweep("out/sweep.nc")["force"][-1] == (3.0 if other == ONE else 21.0)
 
 
 def test_a_complete_folder_is_left_as_it_is(work, monkeypatch, capsys):
@@ -1107,23 +1064,6 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
         assert_array_equal(one.network.shear_stiffness, other.network.shear_stiffness)
 
 
-def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
-    with monkeypatch.context() as patch:
-        interrupted_after(4, patch, KeyboardInterrupt())
-        assert main(["run", "scene.yaml", "-o", "out"]) == 130
-    kept = {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()}
-    (work / "one.yaml").write_text(ONE)
-    capsys.readouterr()
-    for option in ([], ["--resume"]):
-        assert main(["run", "one.yaml", "-o", "out", *option]) == 1
-        out, err = capsys.readouterr()
-        assert (out, err.count("\n")) == ("", 1)
-        assert "out/.granphon-sweep holds the finished part of other work" in err
-        assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
-    assert main(["run", "one.yaml", "-o", "out", "--force", "-q"]) == 0
-    assert listed(work / "out") == ALL - {"sweep.png"}
-
-
 @pytest.mark.parametrize("name", ["sweep.csv", "sweep.nc", "summary.yaml", "scene.yaml"])
 @pytest.mark.parametrize("damage", [b"", b"junk", None])
 def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
@@ -1138,24 +1078,8 @@ def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
     assert f"out already holds {name}: granphon wrote it, and it has been changed since" in err
 
 
-def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch, capsys):
-    from granphon.runs.tasks import MediumTask
-
-    solve, again = MediumTask.solve, []
-
-    def solved(*arguments):
-        if not again:
-            shutil.rmtree("out")
-            again.append(None)
-        return solve(*arguments)
-
-    monkeypatch.setattr(MediumTask, "solve", solved)
-    assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "out/.granphon-sweep, or its folder, has been removed or replaced" in capsys.readouterr().err
-    assert listed(work) == {"scene.yaml"}
-
-
-def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, capsys):
+@pytest.mark.parametrize("anew", [False, True])
+def test_a_folder_that_is_removed_or_made_anew_meanwhile_is_not_written_into(work, monkeypatch, capsys, anew):
     from granphon.runs.tasks import MediumTask
 
     solve = MediumTask.solve
@@ -1163,30 +1087,16 @@ def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, caps
     def solved(*arguments):
         if not Path("moved").exists():
             os.rename("out", "moved")  # while it is there, no other folder has its number
-            os.mkdir("out")
-            Path("out", "mine").touch()
+            if anew:
+                os.mkdir("out")
+                Path("out", "mine").touch()
         return solve(*arguments)
 
     monkeypatch.setattr(MediumTask, "solve", solved)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "out/.granphon-sweep, or its folder, has been removed or replaced" in capsys.readouterr().err
-    assert listed(work / "out") == {"mine"}
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
-def test_a_killed_sweep_goes_on(work, whole):
-    code = (
-        "import os, signal\nfrom granphon.runs import store\nfrom granphon.cli.commands import main\n"
-        "append = store.Store.append\n"
-        "def last(*arguments):\n    append(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
-        "store.Store.append = last\nmain(['run', 'scene.yaml', '-o', 'out'])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True)
-    assert done.returncode == -signal.SIGKILL
-    assert listed(work / "out") == {WORK_FILE}
-    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
-    assert listed(work / "out") == ALL
-    assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
+    assert listed(work) == {"scene.yaml", "moved"} | ({"out"} if anew else set())
+    assert not anew or listed(work / "out") == {"mine"}
 
 
 # -- check and plot -------------------------------------------------------------------------------------------------
@@ -1202,12 +1112,6 @@ def test_check_describes_a_sweep(work, capsys):
         assert expected in out
     assert "granphon: warning: ala, width = 1e-06 m: ala is not reliable below " in err
     assert listed(work) == {"scene.yaml"}
-
-
-def test_check_says_what_the_width_of_a_normal_spread_is(work, capsys):
-    (work / "scene.yaml").write_text(SWEEP.replace("uniform: 2.04 um", "normal: {std: 1.2 um, cutoff: 10}"))
-    assert main(["check", "scene.yaml"]) == 0
-    assert "normal, W = 4.1569 um (sqrt(12) times the rms, 1.2 um)\n" in capsys.readouterr().out
 
 
 def test_check_says_that_the_media_agree_for_equal_balls(work, capsys):
@@ -1275,14 +1179,6 @@ def test_the_working_folder_is_named_by_its_path(work, capsys):
     (work / "summary.yaml").write_text("mine")
     assert main(["run", "one.yaml", "-o", "."]) == 1
     assert f"{work.resolve()} already holds summary.yaml" in capsys.readouterr().err
-
-
-def test_a_figure_is_not_drawn_beside_a_result_that_is_being_written(work, capsys):
-    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
-    Scene.from_yaml("scene.yaml").run("out")
-    with ResultFiles("out", [], force=True).open():
-        assert main(["plot", "out", "--force"]) == 1
-    assert "another run is writing into out" in capsys.readouterr().err
 
 
 def test_what_is_exchanged_while_it_is_read_is_not_drawn(work, monkeypatch):

@@ -2,8 +2,6 @@ import itertools
 import math
 import random
 import re
-import subprocess
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -139,12 +137,6 @@ def test_paths_and_grids():
     np.testing.assert_array_equal(second, [[1 / 3, 1 / 3, 0], [-0.25, 1e-3, 0]])
 
 
-@pytest.mark.parametrize(("lattice", "labels"), [("triangular", "G K M G"), ("kagome", "G K M G"), ("square", "G X M G")])
-def test_default_path_of_each_lattice(lattice, labels):
-    scene = Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, lattice: {lattice}"))
-    assert scene.path.labels == tuple(labels.split())
-
-
 def test_an_empty_phonopy_block_is_none():
     assert Scene.from_text(MINIMAL + "phonopy:\n  # mesh: 8 8 1\n") == Scene.from_text(MINIMAL)
 
@@ -251,14 +243,6 @@ def with_spread(spread: str) -> Scene:
 
 def with_load(load: str, spread: str = "{uniform: 2 um}") -> Scene:
     return Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, spread: {spread}").replace("force: 18.446 N", load))
-
-
-def test_a_scene_of_balls_that_differ():
-    scene = Scene.from_text(FULL)
-    assert scene.packing.spread == gp.Uniform(2.04e-6)
-    assert scene.media == (MediumChoice("ema"),)
-    assert scene.state() == gp.EffectiveMedium(scene.packing).at_force(18.446)
-    assert scene.is_single
 
 
 @pytest.mark.parametrize(
@@ -654,12 +638,6 @@ def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     assert again.to_yaml() == scene.to_yaml()
 
 
-def test_a_lattice_of_ones_own_is_written_as_a_block(steel):
-    own = gp.Lattice("mine", ((1.0, 0.0), (0.5, math.sqrt(0.75))))
-    scene = Scene(gp.Packing(steel, 8e-3, lattice=own), Load("force", 1.0))
-    assert Scene.from_text(scene.to_yaml()) == scene
-
-
 # -- mistakes in Python ---------------------------------------------------------------------------------------------
 
 
@@ -774,15 +752,6 @@ def test_any_value_is_taken_or_refused(text, instead_of):
         Scene.from_text(MINIMAL.replace(instead_of, text))
 
 
-def test_reading_a_scene_loads_what_it_needs():
-    code = (
-        f"from granphon import Scene; Scene.from_text({MINIMAL!r}); import sys; "
-        "print([m for m in ('phonopy', 'matplotlib', 'ase.calculators', 'spglib', 'typer', 'rich') if m in sys.modules])"
-    )
-    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert run.stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize(
     ("load", "words"),
     [
@@ -808,15 +777,6 @@ def test_a_simulation_beyond_the_memory_is_refused(monkeypatch):
         SceneError, match=r"medium: simulation of 4,096 balls, 3 equilibria: .* has 0.01 GB .*available.*simulation\.shape"
     ):
         scene.cost()
-
-
-@pytest.mark.parametrize("loads", ["[1 N, 1 N, 1 N]", "[1 N, 2 N, 1 N]", "[3 N, 2 N, 1 N]", "[2 N, 2 N]"])
-def test_loads_of_any_order_come_back(loads):
-    scene = Scene.from_text(
-        "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
-        f"packing: {{diameter: 1 mm}}\nload: {{force: {loads}}}\n"
-    )
-    assert Scene.from_text(scene.to_yaml()) == scene
 
 
 # -- counted before it is enumerated ------------------------------------------------------------------------------------
