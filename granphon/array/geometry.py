@@ -428,11 +428,15 @@ class ExactPlace:
 
         It gives the sum of forces along the directions on the lattice, which differs by a part of order eps.
         """
+        return self.geometry.frame.couple(self.tabulate_stiffness(stiffness, forces))
+
+    def tabulate_stiffness(self, stiffness: Array, forces: Array) -> Array:
+        """Return what :meth:`tabulate` yields without tangential forces and rotations: (p, p, n_c, L1, ..., Lp)."""
         n, aside = np.array(self.normal[: self.geometry.dimension]), self.geometry.ratio * forces / self.size
         table = (stiffness + aside) * n[:, None] * n
         for a in range(len(n)):
             table[a, a] -= aside
-        return self.geometry.frame.couple(table)
+        return np.asarray(table)
 
     def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
         """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""
