@@ -51,6 +51,15 @@ def only(quick: Iterable[Any], cases: Iterable[Any]) -> list[Any]:
     ]
 
 
+def one_error(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line that a command has printed, an error on stderr, without its prefix."""
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("granphon: error: ")
+    assert err.count("\n") == 1
+    return err.removeprefix("granphon: error: ").strip()
+
+
 #: one neighbour: ball i, ball j, unit normal from i to j
 Neighbour = tuple[int, int, tuple[Any, Any]]
 

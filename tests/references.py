@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -25,8 +24,6 @@ from granphon.laws.spread import STIFFNESS, high_pressure_series
 Array = NDArray[np.float64]
 #: balls over which (36) sums: weights, F^Q, K^Q, and the derivative of K^Q by y or by a variable of y; each (n_Q,)
 BallSums = tuple[Array, Array, Array, Array]
-#: function that is called repeatedly during long work; an exception that it raises ends the work
-Checkpoint = Callable[[], object] | None
 
 # -- the local field ----------------------------------------------------------------------------------------------------
 
@@ -110,7 +107,6 @@ def integrate_curve(
     force: ArrayLike,
     tolerance: float = 1e-13,
     method: Literal["LSODA", "Radau"] = "LSODA",
-    check: Checkpoint = None,
 ) -> tuple[Array, Array]:
     """Return y and k of the effective medium at reduced forces f*, by integrating k' = (k - dG/dy)/(dG/dk).
 
@@ -125,7 +121,6 @@ def integrate_curve(
     force : (n,) f*, above zero, in any order.
     tolerance : relative tolerance of a step.
     method : of :func:`scipy.integrate.solve_ivp`. Radau's is of fixed order: k to 4e-9 at 1e-8, to 1e-10 at 1e-10.
-    check : is called again and again, if given; an exception that it raises ends the work.
 
     Raises
     ------
@@ -146,8 +141,6 @@ def integrate_curve(
             return balance(_sum_balls(shape, origin, root), k, xi, 2.0 * root)
 
         def slope(root: float, k: Array) -> list[float]:
-            if check is not None:
-                check()
             _, by_root, by_k = state(root, float(k[0]))
             if not by_k:
                 raise PrecisionError(message("the differences of diameters are lost in rounding", mend="Lower the load"))
@@ -218,7 +211,7 @@ _SHORTEST_PANEL = 1e-9
 _REAL_ROOT = 1e-7
 
 
-def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, check: Checkpoint = None) -> Array:
+def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512) -> Array:
     """Count the modes per ball below each frequency, exactly in one direction of the wave vector.
 
     On a line of wave vectors along a reciprocal vector det(D(q) - omega^2) is a trigonometric polynomial. Between its roots
@@ -232,7 +225,6 @@ def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, ch
     lattice : a lattice of few balls, prestressed or not, with 2 or 3 branches for each ball.
     edges : (n,) angular frequencies, (k/M)^1/2.
     points : number of lines for each frequency, before panels are split at kinks.
-    check : is called again and again, if given; an exception that it raises ends the work.
 
     Returns
     -------
@@ -243,7 +235,7 @@ def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, ch
 
     """
     values = np.asarray(edges, float)
-    lines, squared = _Lines(lattice, check), np.where(values > 0.0, values, 0.0) ** 2
+    lines, squared = _Lines(lattice), np.where(values > 0.0, values, 0.0) ** 2
     gauss, weights = np.polynomial.legendre.leggauss(_GAUSS_LINES)
     half = 0.5 * (gauss + 1.0)
     # the map s^2 (3 - 2s) makes square roots at either end smooth; q and -q are one
@@ -286,9 +278,9 @@ def _split(
 class _Lines:
     """Lines of wave vectors along the reciprocal vector in which the determinant has the lower degree."""
 
-    def __init__(self, lattice: ContactLattice, check: Checkpoint = None) -> None:
+    def __init__(self, lattice: ContactLattice) -> None:
         reach = np.max(np.abs(lattice.contacts.shift), axis=0)
-        self.lattice, self.axis, self.check = lattice, int(np.argmin(reach)), check
+        self.lattice, self.axis = lattice, int(np.argmin(reach))
         # number of lines whose roots are found together
         self.most = max(_GAUSS_LINES, _LINES_TOGETHER * 27 // lattice.n_branches**3)
         self.degree = max(1, int(reach[self.axis])) * lattice.n_branches
@@ -305,8 +297,6 @@ class _Lines:
 
     def count(self, across: Array, squared: Array) -> tuple[Array, NDArray[np.intp]]:
         """Return the modes below omega^2 (n,) on each line (n,), and a number for its kind, which changes at a kink."""
-        if self.check is not None:
-            self.check()
         m, n = self.degree, len(across)
         ticks = np.arange(2 * m + 1) / (2 * m + 1)
         unit = np.eye(self.lattice.n_branches)

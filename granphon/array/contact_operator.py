@@ -151,23 +151,20 @@ class ContactOperator:
             most = max(1, cached - ghosts, _LONG * ghosts)
             step = -(-count // -(-count // most))  # parts of one length, but for the last
             spaces = {layers: self._make_workspace(layers, key) for layers in {step, count % step or step}}
-            self._found[key] = [self._make_part(start, min(start + step, count), spaces) for start in range(0, count, step)]
+            self._found[key] = []
+            for start in range(0, count, step):
+                stop, sources, below = min(start + step, count), [], halo.below[0]
+                space, at, end = spaces[stop - start], start - below, stop + halo.above[0]
+                while at < end:  # layers that follow each other in the array, ghost layers included
+                    low = at % count
+                    length, place = min(count - low, end - at), at - start + below
+                    sources.append((slice(low, low + length), (slice(None), slice(place, place + length), *halo.inner[2:])))
+                    at += length
+                filled = [(layers, space.balls[place]) for layers, place in sources]
+                first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
+                inner = (slice(None), slice(below, below + stop - start), *halo.inner[2:])
+                self._found[key].append(_Part(slice(start, stop), sources, filled, first, inner, space))
         return self._found[key]
-
-    def _make_part(self, start: int, stop: int, spaces: Mapping[int, _Workspace]) -> _Part:
-        halo, length, space = self.halo, self.shape[0], spaces[stop - start]
-        below, across, sources = halo.below[0], halo.inner[2:], []
-        at, end = start - below, stop + halo.above[0]
-        while at < end:
-            low = at % length
-            count, place = min(length - low, end - at), at - start + below
-            sources.append((slice(low, low + count), (slice(None), slice(place, place + count), *across)))
-            at += count
-        filled = [(layers, space.balls[place]) for layers, place in sources]
-        first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
-        return _Part(
-            slice(start, stop), sources, filled, first, (slice(None), slice(below, below + stop - start), *across), space
-        )
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
         halo, n, count = self.halo, self.n_contacts, self.n_rows

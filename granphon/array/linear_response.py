@@ -133,6 +133,8 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     ``stencils`` have the springs against all deformations, as rows. Raises
     :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
     """
+    from scipy.sparse import eye_array  # imported here: most simulations do not need it
+
     shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
     stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
     small, few = (count <= most[len(frame.shape) - 2] for most in (_MOST_AT_ONCE, _MOST_BALLS))
@@ -142,8 +144,11 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
 
     table = np.array(list(tabulate())) if symmetric else None
     product = None if table is None else frame.couple(table)
-    wanted = small if symmetric else few
-    matrix = _compose(frame, stiff, tabulate() if table is None else table) if wanted else None
+    matrix: Any = None
+    if small if symmetric else few:
+        # with what holds motions that nothing holds
+        matrix = compose_hessian(frame, tabulate() if table is None else table)
+        matrix = (matrix + _HOLDING * stiff * eye_array(matrix.shape[0])).tocsr()
 
     def offer_inverses() -> Iterator[tuple[Inverse, int]]:
         """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one."""
@@ -257,22 +262,18 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
-def _compose(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Any:
-    """Return the whole matrix, sparse, with what holds motions that nothing holds; fields are one after the other.
+def compose_hessian(frame: Stencils, tables: Iterable[Array]) -> Any:
+    """Return the whole matrix, sparse; fields are one after the other.
 
-    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
-    ``stiffness`` is the mean one of contacts.
+    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``.
     """
-    from scipy.sparse import eye_array  # imported here: most simulations do not need it
-
     i, j = frame.ends_of_rows()
-    number = np.arange(j.size)
-    head, tail = frame.coefficients
+    (head, tail), number = frame.coefficients, np.arange(j.size)
     c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
     columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
     of_contact = number.reshape(1, len(columns), -1)
     d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
-    return (c.T.tocsr() @ (d @ c) + _HOLDING * stiffness * eye_array(c.shape[1])).tocsr()
+    return (c.T.tocsr() @ (d @ c)).tocsr()
 
 
 def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
@@ -288,7 +289,11 @@ def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse
 
 
 def _invert_balls(frame: Stencils, stiffness: float, tables: Iterable[Array]) -> Inverse:
-    """Return what moves each ball under a force while its neighbours are held; arguments are those of :func:`_compose`."""
+    """Return what moves each ball under a force while its neighbours are held.
+
+    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``;
+    ``stiffness`` is the mean one of contacts.
+    """
     count, axes = frame.motions.count, range(1, 1 + len(frame.shape))
     head, tail = (one.reshape(-1, frame.n_contacts, frame.n_balls, count) for one in frame.coefficients)
     blocks = np.zeros((count, count, frame.n_balls, *frame.shape))

@@ -166,13 +166,6 @@ class PressedEquilibrium(Equilibrium):
         own, parts = np.asarray(shear, float), (self.shears, self.rotations)
         return find_exact_elasticity(self, self.ratio, self.mindlin_ratio, own, torsion, bending, *parts)
 
-    @property
-    def tangential_parts(self) -> tuple[Any, Any, Any]:
-        """Components of the tangential forces T along each contact's direction on the lattice and its tangents there."""
-        t, b = self.place.tangents if self.ratio else ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        one, other = (*self.shears, 0.0)[:2]
-        return one * t[0] + other * b[0], one * t[1] + other * b[1], one * t[2] + other * b[2]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PressedSample(Sample):
@@ -201,7 +194,11 @@ class PressedSample(Sample):
     @property
     def tangential_forces(self) -> Array:
         """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where balls are apart."""
-        vectors = turn_frames(self.packing, self.equilibrium.tangential_parts, self.shape)
+        here = self.equilibrium
+        t, b = here.place.tangents if here.ratio else ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        one, other = (*here.shears, 0.0)[:2]
+        parts = one * t[0] + other * b[0], one * t[1] + other * b[1], one * t[2] + other * b[2]
+        vectors = turn_frames(self.packing, parts, self.shape)
         return np.asarray(-self._units.force * vectors[..., : self.packing.structure.periods])
 
     @cached_property

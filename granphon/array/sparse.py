@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
 from granphon.array.geometry import ADDED_STIFFNESS
-from granphon.array.sparse_matrices import factorise
+from granphon.array.sparse_matrices import compose, factorise
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, message
@@ -81,33 +81,20 @@ class SparseArray:
 
         Columns: u of each ball, then its rotations. Slips and rotations are left out without friction, and on a line.
         """
-        from scipy.sparse import csc_array
-
-        table, n, d = self.lattice.contacts, math.prod(self.shape), self._d
+        table, n, d, parts = self.lattice.contacts, math.prod(self.shape), self._d, []
         frame = [np.stack(axis, axis=1) for axis in contact_frames(table.normal)]  # n, t, n x t
         slips = {1: 0, 2: 1, 3: 2}[d] if mindlin_ratio else 0
         turns = {0: [], 1: [2], 2: [0, 1, 2]}[slips]
         dofs = d + len(turns)
-        rows, columns, entries = [], [], []
-
-        def put(first: int, ball: NDArray[np.intp], dof: int, of_kind: Array) -> None:
-            rows.append(first + np.arange(ball.size))
-            columns.append(dofs * ball + dof)
-            entries.append(np.repeat(of_kind, n))
-
         for block in range(1 + slips):
-            axis = frame[block]
-            for dof in range(d):
-                put(block * self._j.size, self._j, dof, axis[:, dof])
-                put(block * self._i.size, self._i, dof, -axis[:, dof])
-            # slip along t: t.(u_j - u_i) - (phi_i arm_i + phi_j arm_j).(n x t)
+            rows, axis = block * self._i.size + np.arange(self._i.size), frame[block]
             spin = np.cross(frame[0], axis)
-            for place, turn in enumerate(turns if block else []):
-                put(block * self._j.size, self._j, d + place, -table.arm_j * spin[:, turn])
-                put(block * self._i.size, self._i, d + place, -table.arm_i * spin[:, turn])
-        where = np.concatenate(rows), np.concatenate(columns)
-        size = self._i.size * self.lattice.n_balls // len(table)
-        return csc_array((np.concatenate(entries), where), shape=((1 + slips) * self._i.size, dofs * size)).tocsr()
+            for ends, sign, arms in ((self._j, 1.0, table.arm_j), (self._i, -1.0, table.arm_i)):
+                parts += [(rows, dofs * ends + dof, np.repeat(sign * axis[:, dof], n)) for dof in range(d)]
+                # slip along t: t.(u_j - u_i) - (phi_i arm_i + phi_j arm_j).(n x t)
+                for place, turn in enumerate(turns if block else []):
+                    parts.append((rows, dofs * ends + d + place, np.repeat(-arms * spin[:, turn], n)))
+        return compose(parts, ((1 + slips) * self._i.size, dofs * self.lattice.n_balls * n))
 
     # -- at rest ----------------------------------------------------------------------------------------------------
 

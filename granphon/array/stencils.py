@@ -81,7 +81,12 @@ class Stencils:
         #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
         self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
         #: (p, p) unit vectors, as rows, on which displacements are projected
-        self.basis = _find_basis(normal)
+        self.basis = np.empty((0, p))
+        for vector in normal:  # the first normals that are independent
+            units = np.linalg.qr(self.basis.T)[0].T
+            rest = vector - sum((unit @ vector * unit for unit in units), np.zeros_like(vector))
+            if len(self.basis) < p and np.linalg.norm(rest) > _INDEPENDENT:
+                self.basis = np.append(self.basis, [vector], axis=0)
         self._kinds = contact_rows(
             normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
         )
@@ -411,17 +416,6 @@ def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
-
-
-def _find_basis(normal: Array) -> Array:
-    """Return the first normals of contacts (n_c, p) that are independent, as the rows of a (p, p) matrix."""
-    chosen: list[Array] = []
-    for vector in normal:
-        units: Any = np.linalg.qr(np.array(chosen).T)[0].T if chosen else []
-        rest = vector - sum((unit @ vector * unit for unit in units), np.zeros_like(vector))
-        if len(chosen) < len(vector) and np.linalg.norm(rest) > _INDEPENDENT:
-            chosen.append(vector)
-    return np.array(chosen)
 
 
 def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:

@@ -27,7 +27,9 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     """
     require_path(path)
     try:
-        with open(path, "rb", opener=_without_waiting) as stream:
+        # without O_NONBLOCK, opening a pipe that nobody writes to would never return
+        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+        with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as stream:
             about = os.fstat(stream.fileno())
             if not stat.S_ISREG(about.st_mode):
                 what = f"{path} cannot be read: it is a device or a pipe"
@@ -57,11 +59,6 @@ def require_path(path: str | os.PathLike[str]) -> None:
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(message(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path"))
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    # without O_NONBLOCK, opening a pipe that nobody writes to would never return
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:

@@ -19,7 +19,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -208,41 +208,37 @@ class ResultFiles:
                 nearest = nearest.parent
             if not nearest.is_dir():
                 raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
-            self._require_replaceable(read_written_files(target))
+            written = read_written_files(target)
+            there = [name for name in self.names if os.path.lexists(target / name)]
+            if folders := [name for name in there if (target / name).is_dir()]:
+                raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
+            known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
+            kept = "Such a file is never replaced, not even with --force"
+            for name in there:
+                if self._is_read(name):
+                    what = f"{target / name} is read by this run, and would be overwritten"
+                    raise FileExistsInRunError(message(what, kept, "Choose another folder"))
+                if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
+                    no_record = "there is no record that granphon wrote it"
+                    what = "granphon wrote it, and it has been changed since" if name in written else no_record
+                    what = f"{_name(target)} already holds {name}: {what}"
+                    raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
+            if there and not self.force:
+                lost = [name for name in self.names if name in written and name not in there]
+                missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
+                what = f"{_name(target)} already holds {', '.join(there)}{missing}"
+                mend = "Use --force (force=True) to replace it, or choose another folder"
+                raise FileExistsInRunError(message(what, "An existing result is not overwritten unless asked for", mend))
+            for name in self._stale:
+                read = self._is_read(name)
+                if read or not _is_written(target / name, written[name]):
+                    what = f"{_name(target)} holds {name} of an earlier run, and "
+                    what += "this run reads it" if read else "it has been changed since"
+                    why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
+                    raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
             if not os.access(nearest, os.W_OK | os.X_OK):
                 what = f"there is no permission to write to {_name(nearest)}"
                 raise OutputError(message(what, mend="Choose another folder"))
-
-    def _require_replaceable(self, written: Mapping[str, str]) -> None:
-        """Raise if a file may not be replaced or removed; ``written`` are those that granphon wrote."""
-        target = self._target
-        there = [name for name in self.names if os.path.lexists(target / name)]
-        if folders := [name for name in there if (target / name).is_dir()]:
-            raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
-        known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
-        kept = "Such a file is never replaced, not even with --force"
-        for name in there:
-            if self._is_read(name):
-                what = f"{target / name} is read by this run, and would be overwritten"
-                raise FileExistsInRunError(message(what, kept, "Choose another folder"))
-            if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
-                no_record = "there is no record that granphon wrote it"
-                what = "granphon wrote it, and it has been changed since" if name in written else no_record
-                what = f"{_name(target)} already holds {name}: {what}"
-                raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
-        if there and not self.force:
-            lost = [name for name in self.names if name in written and name not in there]
-            missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
-            what = f"{_name(target)} already holds {', '.join(there)}{missing}"
-            mend = "Use --force (force=True) to replace it, or choose another folder"
-            raise FileExistsInRunError(message(what, "An existing result is not overwritten unless asked for", mend))
-        for name in self._stale:
-            read = self._is_read(name)
-            if read or not _is_written(target / name, written[name]):
-                what = f"{_name(target)} holds {name} of an earlier run, and "
-                what += "this run reads it" if read else "it has been changed since"
-                why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
-                raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
 
     @property
     def _stale(self) -> list[str]:

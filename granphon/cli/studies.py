@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -141,9 +141,10 @@ def fit_measurements(
     if files is not None:
         with files.open() as locked:
             failures = _stage_study(locked, found.write, figure)
-    with _tell_study(out, FIT_FILES, failures, quiet=False):
+    with tell_interruption(lambda: NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
         warn((*notes, *found.warnings, *failures.values()))
         say_table(describe_fit(found))
+        _say_written(out, FIT_FILES, failures)
 
 
 def _read_direction(value: str) -> list[float]:
@@ -242,10 +243,12 @@ def measure_tradeoff(
                 most_loads=loads, runs=runs, progress=on_stderr(quiet), executor=executor, store=store,
             )  # fmt: skip
         failures = {} if locked is None else _stage_study(locked, write, figure)
-    with _tell_study(out, TRADEOFF_FILES, failures, quiet):
+    with tell_interruption(left):
         warn(tuple(failures.values()))
-        for line in () if quiet else describe_tradeoff(found, read.packing.structure.periods):
-            say(line)
+        if not quiet:
+            for line in describe_tradeoff(found, read.packing.structure.periods):
+                say(line)
+            _say_written(out, TRADEOFF_FILES, failures)
 
 
 def _stage_study(locked: ResultFiles, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:
@@ -261,13 +264,9 @@ def _stage_study(locked: ResultFiles, write: Callable[[Path], None], figure: Cal
         return draw(figure, drawn, place)
 
 
-@contextmanager
-def _tell_study(out: str | None, names: Sequence[str], failures: Mapping[str, str], quiet: bool) -> Iterator[None]:
-    """Print after the block which files were written into ``out``; if the block is interrupted, its message says so too."""
-    with tell_interruption(lambda: NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
-        yield
-        if out is not None and not quiet:
-            say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
+def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, str]) -> None:
+    if out is not None:
+        say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
 
 
 def _require_one_packing(what: str, scene: str, read: Scene) -> None:

@@ -169,9 +169,9 @@ class Block:
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         velocities = slopes.compute_gradients(right) / twice[..., None]
-        zeros = () if values.all() else np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist()
-        for at in zeros:
-            self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
+        if not values.all():
+            for at in np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist():
+                self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
         return values, self._turn_back(point, right), velocities
 
     def _leave_zero(
@@ -274,14 +274,6 @@ class Block:
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         return odd[:, self.bent], np.einsum("mn,kna->mka", odd, self.tilt), self.deforming.repeat_half_vectors()
 
-    def _tilt_slopes(self, q: Array) -> NDArray[Any]:
-        """Return the gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)."""
-        own, turned, half = self._tilted
-        angle = q @ half.T
-        inner = bend_slope(angle)[..., None] * own + np.cos(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q)
-        outer = np.sin(angle)[:, None, :, None] * np.moveaxis(turned, 2, 0)
-        return np.asarray(half.T[:, :, None] * inner[:, None] + outer)
-
     # -- frequencies ------------------------------------------------------------------------------------------------
 
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
@@ -293,8 +285,22 @@ class Block:
         small = (values <= self._limit * self._largest) & (values > 0.0)
         if np.any(small):
             doubtful = np.flatnonzero(np.any(small, axis=1))
+            # frequencies that are no more than the rounding of sine and cosine in their own columns
+            squares: Any = 0.0
+            for waves in self._kinds:
+                odd, even = np.abs(waves.odd), np.abs(waves.even)
+                even = np.where(even > 0.0, even + odd, 0.0)  # where two ends cancel, their difference is rounding of both
+                size = np.abs(point.q[doubtful] @ waves.half.T)[:, None, :, None] * odd + even
+                squares = squares + np.sum(size**2, axis=(1, 2))
+            if self.bent:
+                own, turned, half = self._tilted
+                angle = np.abs(point.q[doubtful] @ half.T)[..., None]
+                drift = np.abs(np.einsum("mka,qa->qmk", turned, point.q[doubtful]))
+                tilted = np.sum((np.minimum(angle, angle**3) * np.abs(own) + angle * drift) ** 2, axis=1)
+                squares = np.concatenate([tilted, squares[:, self._order[len(self.bent) :]]], axis=1)
             some = values[doubtful]
-            some[some <= self._find_rounding(point, doubtful, right[doubtful])] = 0.0
+            rounding = self._limit * np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right[doubtful]) ** 2))
+            some[some <= rounding] = 0.0
             some[:, : self.free] = 0.0
             values[doubtful] = some
             if np.any(some[:, 1:] < some[:, :-1]):
@@ -313,22 +319,6 @@ class Block:
         """An upper bound of the lengths of columns."""
         return 4.0 * float(sum(np.linalg.norm(part) for waves in self._kinds for part in (waves.odd, waves.even)))
 
-    def _find_rounding(self, point: _Point, places: NDArray[np.intp], right: NDArray[Any]) -> Array:
-        """Return (places, n) frequencies that are no more than the rounding of sine and cosine in their own columns."""
-        squares: Any = 0.0
-        for waves in self._kinds:
-            odd, even = np.abs(waves.odd), np.abs(waves.even)
-            even = np.where(even > 0.0, even + odd, 0.0)  # where two ends cancel, their difference is rounding of both
-            size = np.abs(point.q[places] @ waves.half.T)[:, None, :, None] * odd + even
-            squares = squares + np.sum(size**2, axis=(1, 2))
-        if self.bent:
-            own, turned, half = self._tilted
-            angle = np.abs(point.q[places] @ half.T)[..., None]
-            drift = np.abs(np.einsum("mka,qa->qmk", turned, point.q[places]))
-            tilted = np.sum((np.minimum(angle, angle**3) * np.abs(own) + angle * drift) ** 2, axis=1)
-            squares = np.concatenate([tilted, squares[:, self._order[len(self.bent) :]]], axis=1)
-        return np.asarray(self._limit * np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right) ** 2)))
-
 
 class _Slopes:
     """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too."""
@@ -341,7 +331,12 @@ class _Slopes:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
             self.kinds.append((point.across, block.pushing.compute_rows(point.q, True), half))
         if point.basis is not None:
-            self.tilted = block._tilt_slopes(point.q)
+            # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
+            own, turned, half = block._tilted
+            angle = point.q @ half.T
+            inner = bend_slope(angle)[..., None] * own + np.cos(angle)[..., None] * np.einsum("mka,qa->qmk", turned, point.q)
+            outer = np.sin(angle)[:, None, :, None] * np.moveaxis(turned, 2, 0)
+            self.tilted = half.T[:, :, None] * inner[:, None] + outer
 
     def compute_along(self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array) -> NDArray[Any]:
         """Return the matrices (points, b, b) of the slopes of omega^2 along directions, between degenerate vectors."""

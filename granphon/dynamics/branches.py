@@ -80,11 +80,6 @@ class AcousticBranch:
         """Highest frequency a pulse on this branch can have, (k/M)^1/2."""
         return float(self.frequencies[-1])
 
-    def find_nearest(self, wavenumbers: Array, references: NDArray[np.complex128]) -> tuple[Array, Array]:
-        """Find the frequency, and the group velocity along the direction, of the mode nearest to each reference vector."""
-        values, vectors = _find_nearest(self.lattice, wavenumbers, self.direction, references)
-        return values, vectors @ self.direction
-
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Find the wavenumber (1/d) and the group velocity (n, p), a vector, at each angular frequency (n,), to rounding.
 
@@ -99,12 +94,10 @@ class AcousticBranch:
                 )
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        q, omega = (
-            np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
-            for values in (self.wavenumbers, self.frequencies)
-        )
-        along = np.broadcast_to(self.direction, (target.size, self.lattice.periods))
-        return _solve_wavenumbers(self.lattice, along, target, q, omega, self.vectors[right], self.name)
+        known, lattice = (self.wavenumbers, self.frequencies), self.lattice
+        q, omega = (np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]]) for values in known)
+        along = np.broadcast_to(self.direction, (target.size, lattice.periods))
+        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[right], self.name)
 
 
 def _find_nearest(
@@ -242,11 +235,22 @@ class AcousticBranches:
         count = int(self.rising[which, direction])
         fallen = bool(self.falls[which, direction])
         part = slice(0, count + fallen)
-        found = AcousticBranch(
-            self.lattice, self.directions[direction], self.lattice.wave_names[which], self.wavenumbers[direction, part],
-            self.frequencies[which, direction, part], self.vectors[which, direction, part],
-        )  # fmt: skip
-        return _cut_at_maximum(found, count) if fallen else found
+        lattice, along, name = self.lattice, self.directions[direction], self.lattice.wave_names[which]
+        q, omega = self.wavenumbers[direction, part].copy(), self.frequencies[which, direction, part].copy()
+        vectors = self.vectors[which, direction, part]
+        if fallen:
+            # the maximum lies before the last point, and takes its place
+            reference, low, high = vectors[count][None], q[count - 1] if count else 0.0, q[count]
+            while high - low > 4e-16 * high:
+                points = np.linspace(low, high, 34)[1:-1]
+                _, velocities = _find_nearest(lattice, points, along, np.broadcast_to(reference, (32, reference.shape[1])))
+                first = int(np.argmin(np.append(velocities @ along > 0.0, False)))
+                edges = np.concatenate([[low], points, [high]])
+                if (edges[first], edges[first + 1]) == (low, high):
+                    break
+                low, high = float(edges[first]), float(edges[first + 1])
+            q[count], omega[count] = low, _find_nearest(lattice, np.array([low]), along, reference)[0][0]
+        return AcousticBranch(lattice, along, name, q, omega, vectors)
 
     def find_wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
         """Find wavenumbers (m,) and group velocities (m, p) at ``target`` (m,) of one branch in directions of these indices.
@@ -282,24 +286,3 @@ def follow_acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> d
     along = one_direction(direction, lattice.periods)
     every = AcousticBranches.follow(lattice, along[None])
     return {name: every.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}
-
-
-def _cut_at_maximum(branch: AcousticBranch, falling: int) -> AcousticBranch:
-    """Cut ``branch`` at its maximum, which lies before the point ``falling``."""
-    reference = branch.vectors[falling][None]
-    low = branch.wavenumbers[falling - 1] if falling else 0.0
-    high = branch.wavenumbers[falling]
-    while high - low > 4e-16 * high:
-        points = np.linspace(low, high, 34)[1:-1]
-        rising = branch.find_nearest(points, np.broadcast_to(reference, (32, reference.shape[1])))[1] > 0.0
-        first = int(np.argmin(np.append(rising, False)))
-        edges = np.concatenate([[low], points, [high]])
-        if (edges[first], edges[first + 1]) == (low, high):
-            break
-        low, high = float(edges[first]), float(edges[first + 1])
-    top = branch.find_nearest(np.array([low]), reference)[0]
-    return AcousticBranch(
-        branch.lattice, branch.direction, branch.name,
-        np.append(branch.wavenumbers[:falling], low), np.append(branch.frequencies[:falling], top),
-        np.concatenate([branch.vectors[:falling], reference]),
-    )  # fmt: skip

@@ -89,7 +89,55 @@ def cluster_response(
     medium = ContactLattice.of(lattice, mindlin_ratio, bending=bending)
     medium.require_rigid()
     cluster = clusters[0 if balls is None else sizes.index(balls)]
-    return _respond(medium, lattice, cluster, [*cluster, *_touching(lattice, cluster)])
+    near = [*cluster, *_touching(lattice, cluster)]
+    table, contacts, periods = lattice.contacts, _inside(lattice, cluster), lattice.periods
+    rows, cells = np.array([row for row, _ in contacts]), np.array([cell for _, cell in contacts])
+    ends = lattice.positions[:, :periods]
+    middles = cells @ lattice.vectors[:, :periods] + (ends[table.i] + 0.5 * table.vector[:, :periods])[rows]
+    kind_of = np.array([ball for ball, _ in near])
+    sites = np.array([cell for _, cell in near]) @ lattice.vectors[:, :periods] + ends[kind_of]
+    n, kinds = len(contacts), range(len(table))
+    response, squared, misfit = np.zeros((3, n, n))
+    influence = np.zeros((n, len(near)))
+    # wave vectors (n_q, p) of two grids half a step off Gamma, and weights, in parts; q stands for -q too
+    coarse, fine = _POINTS[periods - 1]
+    share, parts = fine**2 / (fine**2 - coarse**2), list[tuple[Array, Array]]()
+    for points, weight in ((coarse, 1.0 - share), (fine, share)):
+        grid, counts = grid_zone(medium.reciprocal, points)
+        several = -(-len(grid) // _PART)
+        every = weight * counts / points**periods
+        parts += zip(np.array_split(grid, several), np.array_split(every, several), strict=True)
+    for q, weights in parts:
+        factor = np.linalg.qr(medium.compatibility(q))[0][:, : len(table)]
+        whole = factor @ factor.conj().swapaxes(1, 2)
+        # the rows of a contact have the phase of its middle, and deviations that of their ball
+        deviations = np.zeros((len(q), len(table), lattice.n_balls), complex)
+        half = 0.5 * np.exp(-0.5j * (q @ table.vector[:, :periods].T))
+        for kind in kinds:
+            deviations[:, kind, table.i[kind]] += half[:, kind]
+            deviations[:, kind, table.j[kind]] += half[:, kind].conj()
+        left = deviations - whole @ deviations
+        there = weights[:, None] * np.exp(1j * (q @ middles.T))
+        here, at = np.exp(-1j * (q @ middles.T)), np.exp(-1j * (q @ sites.T))
+        for total, symbol in (
+            (response, whole), (squared, whole @ whole.conj().swapaxes(1, 2)), (misfit, left @ left.conj().swapaxes(1, 2)),
+        ):  # fmt: skip
+            for a in kinds:
+                for b in kinds:
+                    where = np.ix_(rows == a, rows == b)
+                    total[where] += ((there[:, rows == a] * symbol[:, a, b, None]).T @ here[:, rows == b]).real
+        for a in kinds:
+            for b in range(lattice.n_balls):
+                where = np.ix_(rows == a, kind_of == b)
+                influence[where] += ((there[:, rows == a] * left[:, a, b, None]).T @ at[:, kind_of == b]).real
+    response, squared, misfit = (0.5 * (whole + whole.T) for whole in (response, squared, misfit))
+    middle = np.array([table.i[row] == 0 and not any(cell) for row, cell in contacts])
+    other = [(int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())) for row, cell in contacts]
+    central = middle | np.array([place == cluster[0] for place in other])
+    return ClusterResponse(
+        len(cluster), read_only(response), read_only(influence), read_only(misfit),
+        read_only(squared - response @ response), central,
+    )  # fmt: skip
 
 
 # -- which balls and contacts ----------------------------------------------------------------------------------------
@@ -126,62 +174,3 @@ def _inside(lattice: Lattice, cluster: list[_Place]) -> list[tuple[int, tuple[in
         for row in np.flatnonzero(table.i == ball).tolist()
         if (int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())) in balls
     ]
-
-
-# -- means over the zone ---------------------------------------------------------------------------------------------
-
-
-def _respond(medium: ContactLattice, lattice: Lattice, cluster: list[_Place], near: list[_Place]) -> ClusterResponse:
-    table, contacts, periods = lattice.contacts, _inside(lattice, cluster), lattice.periods
-    rows, cells = np.array([row for row, _ in contacts]), np.array([cell for _, cell in contacts])
-    ends = lattice.positions[:, :periods]
-    middles = cells @ lattice.vectors[:, :periods] + (ends[table.i] + 0.5 * table.vector[:, :periods])[rows]
-    balls = np.array([ball for ball, _ in near])
-    sites = np.array([cell for _, cell in near]) @ lattice.vectors[:, :periods] + ends[balls]
-    n, kinds = len(contacts), range(len(table))
-    response, squared, misfit = np.zeros((3, n, n))
-    influence = np.zeros((n, len(near)))
-    for q, weights in _grids(medium):
-        factor = np.linalg.qr(medium.compatibility(q))[0][:, : len(table)]
-        whole = factor @ factor.conj().swapaxes(1, 2)
-        # the rows of a contact have the phase of its middle, and deviations that of their ball
-        deviations = np.zeros((len(q), len(table), lattice.n_balls), complex)
-        half = 0.5 * np.exp(-0.5j * (q @ table.vector[:, :periods].T))
-        for kind in kinds:
-            deviations[:, kind, table.i[kind]] += half[:, kind]
-            deviations[:, kind, table.j[kind]] += half[:, kind].conj()
-        left = deviations - whole @ deviations
-        there = weights[:, None] * np.exp(1j * (q @ middles.T))
-        here, at = np.exp(-1j * (q @ middles.T)), np.exp(-1j * (q @ sites.T))
-        for total, symbol in (
-            (response, whole), (squared, whole @ whole.conj().swapaxes(1, 2)), (misfit, left @ left.conj().swapaxes(1, 2)),
-        ):  # fmt: skip
-            for a in kinds:
-                for b in kinds:
-                    where = np.ix_(rows == a, rows == b)
-                    total[where] += ((there[:, rows == a] * symbol[:, a, b, None]).T @ here[:, rows == b]).real
-        for a in kinds:
-            for b in range(lattice.n_balls):
-                where = np.ix_(rows == a, balls == b)
-                influence[where] += ((there[:, rows == a] * left[:, a, b, None]).T @ at[:, balls == b]).real
-    response, squared, misfit = (0.5 * (whole + whole.T) for whole in (response, squared, misfit))
-    middle = np.array([table.i[row] == 0 and not any(cell) for row, cell in contacts])
-    other = [(int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())) for row, cell in contacts]
-    central = middle | np.array([place == cluster[0] for place in other])
-    return ClusterResponse(
-        len(cluster), read_only(response), read_only(influence), read_only(misfit),
-        read_only(squared - response @ response), central,
-    )  # fmt: skip
-
-
-def _grids(medium: ContactLattice) -> list[tuple[Array, Array]]:
-    """Return wave vectors (n_q, p) of two grids half a step off Gamma, and weights, in parts; q stands for -q too."""
-    coarse, fine = _POINTS[medium.periods - 1]
-    share = fine**2 / (fine**2 - coarse**2)
-    parts = []
-    for points, weight in ((coarse, 1.0 - share), (fine, share)):
-        grid, counts = grid_zone(medium.reciprocal, points)
-        several = -(-len(grid) // _PART)
-        weights = weight * counts / points**medium.periods
-        parts += list(zip(np.array_split(grid, several), np.array_split(weights, several), strict=True))
-    return parts

@@ -396,22 +396,19 @@ class ContactLattice(LongWaves):
         direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]
         rigid = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
         if self.periods == 1:
-            rigid = np.column_stack([rigid, self._turn_about_line()])
+            # the rotation of all balls about the only period, as a motion of the frame
+            place = np.zeros((self.n_balls, 3))
+            place[:, : self.dimension] = self.positions
+            off = place - self.masses @ place / self.masses.sum()
+            moved = np.concatenate([1.0j * np.cross([1.0, 0.0, 0.0], off), self.gyration[:, None] * np.eye(3)[:1]], axis=1)
+            chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
+            turned = (self._frame * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
+            rigid = np.column_stack([rigid, turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)])
         total = 0
         for block in self._blocks:
             free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
             total += int(np.linalg.matrix_rank(np.concatenate([rigid[block.columns], free], axis=1), tol=_APART))
         return total
-
-    def _turn_about_line(self) -> NDArray[np.complex128]:
-        """Return the rotation (n_branches,) of all balls about the only period, as a motion of the frame."""
-        place = np.zeros((self.n_balls, 3))
-        place[:, : self.dimension] = self.positions
-        off = place - self.masses @ place / self.masses.sum()
-        moved = np.concatenate([1.0j * np.cross([1.0, 0.0, 0.0], off), self.gyration[:, None] * np.eye(3)[:1]], axis=1)
-        chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-        turned = (self._frame * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
-        return np.asarray(turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny))
 
 
 def _is_faint(q: Array) -> NDArray[np.bool_]:

@@ -126,9 +126,21 @@ def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.f
 
 
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Find the SVD by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded columns."""
+    """Find the SVD by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded columns; zeros are exact."""
     values, right = lapack_svd(matrices)
-    again = _find_lost_digits(matrices, values)
+    limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
+    doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
+    # the largest element stands for the length of a column: its square might underflow
+    size = np.max(np.abs(matrices[doubtful]), axis=1)
+    graded = []
+    for place, lengths in zip(doubtful.tolist(), size, strict=True):
+        # a column of zeros gives a singular value of zero; it is not a reason to doubt the others
+        zeros = np.count_nonzero(lengths == 0.0)
+        values[place, :zeros] = 0.0
+        rest = lengths[lengths > 0.0]
+        if rest.size and values[place, zeros] <= limit * values[place, -1] and _GRADED_RATIO * rest.min() < rest.max():
+            graded.append(place)
+    again = np.array(graded, np.intp)
     if again.size:
         turned, nearly = _precondition(matrices[again])
         values[again], right[again], good = _straighten(turned, nearly)
@@ -143,25 +155,6 @@ def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     """Find what :func:`graded_svd` finds, but only to rounding of the largest singular value."""
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
-
-
-def _find_lost_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Find which of LAPACK's ``values`` (n_matrices, n) lack digits that :func:`jacobi_svd` has, and make zeros exact.
-
-    A column of zeros gives a singular value of zero; it is not a reason to doubt the others.
-    """
-    limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
-    doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
-    # the largest element stands for the length of a column: its square might underflow
-    size = np.max(np.abs(matrices[doubtful]), axis=1)
-    found = []
-    for place, lengths in zip(doubtful.tolist(), size, strict=True):
-        zeros = np.count_nonzero(lengths == 0.0)
-        values[place, :zeros] = 0.0
-        rest = lengths[lengths > 0.0]
-        if rest.size and values[place, zeros] <= limit * values[place, -1] and _GRADED_RATIO * rest.min() < rest.max():
-            found.append(place)
-    return np.array(found, np.intp)
 
 
 def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -182,7 +175,13 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     triangles = np.asarray(np.linalg.qr(_pad_rows(np.take_along_axis(matrices, order[:, None], 2)), mode="r"))
     right, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
     within = np.zeros_like(right)
-    blocks = _number_blocks(np.take_along_axis(size, order, 1))
+    # blocks (n_matrices, n) of columns of comparable norms, in descending order
+    ordered = np.take_along_axis(size, order, 1)
+    blocks, first = np.zeros(ordered.shape, np.intp), ordered[:, 0].copy()
+    for column in range(1, ordered.shape[1]):
+        smaller = ordered[:, column] < _COMPARABLE_RATIO * first
+        first[smaller] = ordered[smaller, column]
+        blocks[:, column] = blocks[:, column - 1] + smaller
     for kind in np.unique(blocks, axis=0):
         same = np.flatnonzero(np.all(blocks == kind, axis=1))
         for block in range(kind[-1] + 1):
@@ -190,16 +189,6 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
             within[part] = lapack_svd(upper.swapaxes(1, 2).conj()[part])[1]
     right = right @ within
     return triangles @ right, np.take_along_axis(right, np.argsort(order, axis=1)[:, :, None], 1)
-
-
-def _number_blocks(size: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Number blocks of columns, (n_matrices, n), of comparable norms, from norms in descending order."""
-    blocks, first = np.zeros(size.shape, np.intp), size[:, 0].copy()
-    for column in range(1, size.shape[1]):
-        smaller = size[:, column] < _COMPARABLE_RATIO * first
-        first[smaller] = size[smaller, column]
-        blocks[:, column] = blocks[:, column - 1] + smaller
-    return blocks
 
 
 def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:

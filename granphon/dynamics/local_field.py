@@ -27,11 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
-from granphon.base.arguments import not_negative, whole_number
+from granphon.base.arguments import not_negative
 from granphon.base.errors import MechanismError, PrecisionError, message
 from granphon.base.results import Result
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries, grid_zone
+from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 
 Array = NDArray[np.float64]
 #: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra (three), tried in turn until
@@ -133,25 +133,6 @@ def local_field(
 @lru_cache(maxsize=256)
 def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion: float) -> LocalField:
     medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
-    _require_support(medium)
-
-    def make_field(xi: float, alpha: float | None = None, beta: float | None = None) -> LocalField:
-        return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
-
-    blocks = medium.elongating_blocks
-    if all(block.rank == block.n_rows for block in blocks):
-        return make_field(0.0)  # the contacts can take up any deformation
-    star, *second = _find_elongations(medium)
-    xi = 1.0 / star - 1.0
-    if not second:
-        return make_field(xi)
-    # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
-    on_top, bridge = second
-    return make_field(xi, 1.0 + on_top / star, (1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
-
-
-def _require_support(medium: ContactLattice) -> None:
-    """Raise :class:`~granphon.base.errors.MechanismError` if nothing holds the corona of a ball."""
     try:
         medium.require_rigid()
     except MechanismError as error:
@@ -160,58 +141,41 @@ def _require_support(medium: ContactLattice) -> None:
             f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
         ) from None
 
+    def make_field(xi: float, alpha: float | None = None, beta: float | None = None) -> LocalField:
+        return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
 
-def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
-    """Return Xi of the triangular lattice from one fixed quadrature over the Brillouin zone, without control of its error.
-
-    Parameters
-    ----------
-    points : number of quadrature points along each side of its triangles, or of the zone.
-    mindlin_ratio : eta, zero or above.
-    graded : True for triangles graded towards the points q = -q, where the integrand depends on direction (that of
-        :func:`local_field`, whose errors fall geometrically); False for the uniform grid of equal weights, half a step off
-        Gamma, whose errors fall as ``points``^-4 (at eta = 1 as ``points``^-6).
-
-    Raises
-    ------
-    InputError : ``points`` is below two, or eta is below zero or not finite.
-    """
-    points = whole_number("points", points, 2)
-    medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
-    if graded:
-        zone = _divide_by_symmetry(medium, points)
-    else:
-        grid, counts = grid_zone(medium.reciprocal, points)
-        zone = iter([(grid, counts / points**2)])
-    return float(1.0 / _average_response(medium, zone)[0] - 1.0)
-
-
-# -- the response of the lattice ------------------------------------------------------------------------------------
-
-
-def _find_elongations(medium: ContactLattice) -> list[float]:
-    """Find the mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges.
-
-    Means are over the contacts of each kind and over the balls of the cell. Raises :class:`PrecisionError`.
-    """
+    blocks = medium.elongating_blocks
+    if all(block.rank == block.n_rows for block in blocks):
+        return make_field(0.0)  # the contacts can take up any deformation
+    # mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges
     before: Array = np.zeros(0)
-    agreement = _AGREEMENT[medium.periods]
     for order in _ORDERS[medium.periods]:
         values = _average_response(medium, _divide_by_symmetry(medium, order))
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1 must be accurate, so 1 -
         # u_1 must be well above rounding
-        held = 1.0 - values[0]
-        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= agreement * values[0] * held:
-            return [float(value) for value in values]
+        accepted = _AGREEMENT[medium.periods] * values[0] * (1.0 - values[0])
+        if before.size and 1.0 - values[0] > _LEAST_HELD and np.max(np.abs(values - before)) <= accepted:
+            break
         before = values
-    shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending"))
-    raise PrecisionError(
-        message(
-            f"the local field of lattice {medium.name!r} at {shown} does not converge",
-            "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
-            "Use stiffnesses nearer to that of compression",
+    else:
+        shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending"))
+        raise PrecisionError(
+            message(
+                f"the local field of lattice {medium.name!r} at {shown} does not converge",
+                "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
+                "Use stiffnesses nearer to that of compression",
+            )
         )
-    )
+    star, *second = values.tolist()
+    xi = 1.0 / star - 1.0
+    if not second:
+        return make_field(xi)
+    # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
+    on_top, bridge = second
+    return make_field(xi, 1.0 + on_top / star, float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0)))
+
+
+# -- the response of the lattice ------------------------------------------------------------------------------------
 
 
 def _divide_by_symmetry(medium: ContactLattice, order: int) -> Iterator[tuple[Array, Array]]:
@@ -232,10 +196,30 @@ def _average_response(medium: ContactLattice, zone: Iterator[tuple[Array, Array]
 
 
 def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
-    """Return the function that takes q (n_q, p) and finds s^H P t (n_q, kinds), the mean over the contacts of each kind."""
-    places = _place_contacts(medium)
-    counts = [sum(len(kinds[k]) for kinds in places) for k in range(len(places[0]))]
-    tensions = [_Tension(medium, kinds) for kinds in zip(*places, strict=True)]
+    """Return the function that takes q (n_q, p) and finds s^H P t (n_q, kinds), the mean over the contacts of each kind.
+
+    The kinds are the star of a ball, and, on the triangular lattice, the contacts on top of it and at its bridges: a lattice
+    in the plane with six contacts at every ball is triangular, in whatever cell.
+    """
+    table, p = medium.contacts, medium.periods
+    triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
+    middle = medium.positions[table.i] + 0.5 * table.vector
+    # for each kind and each ball of the cell: midpoints along the periods, and which contacts of the table they belong to
+    tensions: list[list[tuple[Array, Array]]] = [[] for _ in range(3 if triangular else 1)]
+    for ball, centre in enumerate(medium.positions):
+        spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
+        kinds = [0.5 * spokes]
+        if triangular:
+            across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
+            sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
+            kinds += [1.5 * spokes, np.concatenate([spokes + 0.5 * side for side in sides])]
+        for found, off in zip(tensions, kinds, strict=True):
+            where = centre + off
+            offset = where[:, None] - middle
+            steps = offset[..., :p] @ np.linalg.inv(medium.cell[:, :p])
+            apart = np.max(np.abs(np.concatenate([steps - np.rint(steps), offset[..., p:]], axis=-1)), axis=-1)
+            found.append((where[:, :p], (apart < 1e-3).astype(float)))
+    counts = [sum(len(where) for where, _ in found) for found in tensions]
     columns = np.concatenate([block.columns for block in medium.elongating_blocks])
     rank = sum(block.rank for block in medium.elongating_blocks)
     size = max(1, _ENTRIES // (len(medium.rows) * len(medium.contacts) * len(columns)))
@@ -245,7 +229,11 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
 
     def find_part(q: Array) -> Array:
         adjoint = _find_range(medium.compatibility(q)[..., columns], rank)[:, : len(medium.contacts)].conj().swapaxes(1, 2)
-        moved = [adjoint @ tension.transform(q) for tension in tensions]
+        moved = [
+            # the Fourier transforms (n_q, n_c, n_balls) of the tensions
+            adjoint @ np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in found], axis=2)
+            for found in tensions
+        ]
         return np.stack([np.einsum("qrb,qrb->q", one.conj(), moved[0]).real for one in moved], axis=1) / counts
 
     return find
@@ -258,41 +246,3 @@ def _find_range(rows: NDArray[Any], rank: int) -> NDArray[Any]:
         return np.asarray(np.linalg.qr(rows)[0])
     lengths = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.asarray(np.linalg.svd(rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)[0][..., :rank])
-
-
-def _place_contacts(medium: ContactLattice) -> list[list[Array]]:
-    """Find, for each ball of the cell, midpoints (n, d) of the contacts of its star, on top and at the bridges.
-
-    A lattice in the plane with six contacts at every ball is triangular, in whatever cell; for other lattices only the star
-    is returned.
-    """
-    table = medium.contacts
-    triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
-    places = []
-    for ball, centre in enumerate(medium.positions):
-        spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
-        kinds = [0.5 * spokes]
-        if triangular:
-            across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
-            sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
-            kinds += [1.5 * spokes, np.concatenate([spokes + 0.5 * side for side in sides])]
-        places.append([centre + kind for kind in kinds])
-    return places
-
-
-class _Tension:
-    """Unit tensions on some contacts, one set for each ball of the cell, given by the midpoints of the contacts."""
-
-    def __init__(self, medium: ContactLattice, places: tuple[Array, ...]) -> None:
-        table, p = medium.contacts, medium.periods
-        middle = medium.positions[table.i] + 0.5 * table.vector
-        self.which: list[tuple[Array, Array]] = []
-        for where in places:
-            offset = where[:, None] - middle
-            steps = offset[..., :p] @ np.linalg.inv(medium.cell[:, :p])
-            apart = np.max(np.abs(np.concatenate([steps - np.rint(steps), offset[..., p:]], axis=-1)), axis=-1)
-            self.which.append((where[:, :p], (apart < 1e-3).astype(float)))
-
-    def transform(self, q: Array) -> NDArray[np.complex128]:
-        """Return the Fourier transforms (n_q, n_c, n_balls) of the tensions."""
-        return np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in self.which], axis=2)

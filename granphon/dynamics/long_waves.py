@@ -298,7 +298,7 @@ class LongWaves(Compatibility):
             way = along if along.ndim == 1 else along[worst[-1]]
             where = f"a squared sound velocity in direction ({', '.join(f'{one:.6g}' for one in way)}) is negative"
             raise self.explain_buckling(where, vectors[worst][:, 0]) from None
-        return self._decompose_waves(along, factor)
+        return decompose_waves(along, factor, self.motions.translations)
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
     def _waves_along(self, shape: tuple[int, ...], numbers: tuple[float, ...]) -> tuple[Array, Array]:
@@ -308,10 +308,7 @@ class LongWaves(Compatibility):
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         rows = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
-        return self._decompose_waves(along, np.einsum("rij,...j->...ri", rows, along) / np.sqrt(self.masses.sum()))
-
-    def _decompose_waves(self, along: Array, factor: Array) -> tuple[Array, Array]:
-        """Return velocities and polarisations along unit vectors, from factors (..., n, n_u) of the acoustic tensors."""
+        factor = np.einsum("rij,...j->...ri", rows, along) / np.sqrt(self.masses.sum())
         return decompose_waves(along, factor, self.motions.translations)
 
     @cached_property
@@ -436,28 +433,22 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     periods = along.shape[-1]
     if len(axes) == 3:
         right = _settle_vectors(np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)]), values, right)
-    order = _order_waves(along, right, axes)
-    return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
-
-
-def _order_waves(along: Array, polarisations: Array, axes: tuple[int, ...]) -> NDArray[np.intp]:
-    """Return the columns (..., n_u) of ``polarisations``, ascending in velocity, in the order of :func:`name_waves`."""
-    periods = along.shape[-1]
     names = name_waves(axes, periods)
     toward = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
         toward[..., axes.index(axis)] = along[..., axis]
-    rank = np.zeros(polarisations.shape[:-2] + polarisations.shape[-1:])
+    rank = np.zeros(right.shape[:-2] + right.shape[-1:])
     if names[0] == "longitudinal":
-        part = np.abs(np.einsum("...i,...ib->...b", toward, polarisations))
+        part = np.abs(np.einsum("...i,...ib->...b", toward, right))
         # of two that are equally longitudinal, the fast one
         tied = part >= (1.0 - _TIED_ALONG) * np.max(part, axis=-1, keepdims=True)
         ahead = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
         np.put_along_axis(rank, ahead[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        across = np.argmax(np.where(rank < 0.0, -1.0, np.abs(polarisations[..., axes.index(2), :])), axis=-1)
+        across = np.argmax(np.where(rank < 0.0, -1.0, np.abs(right[..., axes.index(2), :])), axis=-1)
         np.put_along_axis(rank, across[..., None], 1.0, -1)
-    return np.argsort(rank, axis=-1, kind="stable")
+    order = np.argsort(rank, axis=-1, kind="stable")
+    return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
 
 
 def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:

@@ -34,21 +34,17 @@ def point_group(lattice: Lattice) -> Array:
     images = [reach[np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE] for axis in range(p)]
     chosen = np.array([np.stack(rows) for rows in itertools.product(*images)])
     kept = chosen[np.max(np.abs(chosen @ chosen.swapaxes(1, 2) - gram), axis=(1, 2)) < _TOLERANCE]
-    turns = (np.linalg.inv(cell) @ kept).swapaxes(1, 2)  # carries each row of the cell to its image
-    return read_only([turn for turn in turns if _carries_balls(turn, cell, balls)])
-
-
-def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
-    """Whether ``turn``, with some shift along the periods, carries balls (n, d) to balls, up to lattice vectors."""
-    p = len(cell)
-    turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
-    for shift in balls - turned[0]:
-        apart = (turned + shift)[:, None] - balls
-        along = apart[..., :p] @ np.linalg.inv(cell)
-        apart[..., :p] = (along - np.rint(along)) @ cell
-        if np.all(np.min(np.linalg.norm(apart, axis=-1), axis=1) < _TOLERANCE):
-            return True
-    return False
+    found = []
+    for turn in (np.linalg.inv(cell) @ kept).swapaxes(1, 2):  # carries each row of the cell to its image
+        turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
+        for shift in balls - turned[0]:  # along the periods: it carries balls to balls, up to lattice vectors
+            apart = (turned + shift)[:, None] - balls
+            along = apart[..., :p] @ np.linalg.inv(cell)
+            apart[..., :p] = (along - np.rint(along)) @ cell
+            if np.all(np.min(np.linalg.norm(apart, axis=-1), axis=1) < _TOLERANCE):
+                found.append(turn)
+                break
+    return read_only(found)
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:

@@ -84,16 +84,14 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     group = {every[0]}
     for one in every:
         # in a lattice that is symmetric but for rounded numbers, some products of alike operations are not alike
-        if one in allowed and one not in group and (grown := _close(group | {one})) <= allowed:
+        if one not in allowed or one in group:
+            continue
+        grown = group | {one}
+        while (products := {a.after(b) for a in grown for b in grown}) - grown:
+            grown |= products
+        if grown <= allowed:
             group = grown
     return sorted(group)
-
-
-def _close(operations: set[Operation]) -> set[Operation]:
-    """Return the group that some operations make."""
-    while (products := {one.after(other) for one in operations for other in operations}) - operations:
-        operations = operations | products
-    return operations
 
 
 def _list_operations(periods: int) -> list[Operation]:

@@ -126,18 +126,6 @@ class DensityBalls:
 # -- listed diameters -------------------------------------------------------------------------------------------------
 
 
-class _Range(NamedTuple):
-    """Range of a block: ``middle`` and ``half`` extent in y above its least origin.
-
-    Contacts with openings up to ``last`` are far; ``near`` is the slice of the openings of near contacts.
-    """
-
-    middle: float
-    half: float
-    last: float
-    near: slice
-
-
 @dataclass(frozen=True, eq=False)
 class PointAverages:
     """Averages over the balls of a shape of listed diameters by sums, for the local-field factor ``xi``."""
@@ -169,36 +157,33 @@ class PointAverages:
         entries = csc_array((np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size))
         return self._matrix[i, j], entries
 
-    def _find_range(self, block: Block) -> _Range:
+    def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
+        """Return the middle and the half extent in y of a block, above its least origin, and which contacts are near.
+
+        Contacts with openings up to the third number are far; the slice is that of the openings of near contacts.
+        """
         least, openings = block.origin[-1, 0], self._contacts[0]
         low, high = block.root[-1, 0] ** 2, block.origin[0, 0] - least + block.root[0, -1] ** 2
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         last = least - max(0.0, _FAR_OVERLAP * half - middle)
         begin, end = np.searchsorted(openings, [last, block.origin[0, 0]], side="right").tolist()
-        return _Range(middle, half, last, slice(begin, end))
+        return middle, half, last, slice(begin, end)
 
     def count(self, block: Block) -> int:
         """Return how many steps of the block should be solved at once, so that arrays of near contacts fit in memory."""
         steps = min(len(block.root), max(_LEAST_STEPS, len(self.shape.positions) // 3))
-        near = self._find_range(block).near
+        *_, near = self._find_range(block)
         return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR else steps
 
     def balls(self, block: Block) -> PointBalls:
-        """Return the averages at the points of the block: the sums over near contacts plus those over far ones."""
-        _, w = self._points
-        span = self._find_range(block)
-        near = self._sum_near(block, span)
-        if span.near.start:
-            near = [one + other for one, other in zip(near, self._sum_far(block, span), strict=True)]
-        return PointBalls(w, self.xi, *near)
+        """Return the averages at the points of the block: the sums over near contacts plus those over far ones.
 
-    def _sum_near(self, block: Block, span: _Range) -> list[Array]:
-        """Sum four quantities over near contacts, for each ball.
-
-        They are the stiffness, its change and the change of the force since the upper end of the step, (n, B, s + 1); and
-        the force at the upper end, (n, B).
+        Four quantities are summed for each ball: the stiffness, its change and the change of the force since the upper end
+        of the step, (n, B, s + 1); and the force at the upper end, (n, B).
         """
-        openings, entries = (part[..., span.near] for part in self._contacts)
+        _, w = self._points
+        middle, half, last, near = self._find_range(block)
+        openings, entries = (part[..., near] for part in self._contacts)
         closed = openings[:, None] <= block.origin[:, 0]
         rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
         root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]
@@ -210,34 +195,34 @@ class PointAverages:
             return np.asarray(entries @ values.reshape(len(values), int(np.prod(shape)))).reshape(-1, *shape)
 
         forces = change * (root * (root + top) + top * top)
-        return [1.5 * summed(root), 1.5 * summed(change), summed(forces), summed(top[..., 0] ** 3)]
-
-    def _sum_far(self, block: Block, span: _Range) -> list[Array]:
-        """Sum these four quantities over far contacts: the slope of the stiffness is interpolated and integrated twice."""
-        _, w = self._points
+        near_sums = [1.5 * summed(root), 1.5 * summed(change), summed(forces), summed(top[..., 0] ** 3)]
+        if not near.start:
+            return PointBalls(w, self.xi, *near_sums)
+        # the slope of the stiffness of far contacts is interpolated, and integrated twice
         least = block.origin[-1, 0]
-        far = self._matrix <= span.last
-        gap = np.where(far, least - self._matrix + span.middle, np.inf)
+        far = self._matrix <= last
+        gap = np.where(far, least - self._matrix + middle, np.inf)
         nodes = chebyshev.chebpts1(_DEGREE + 1)
-        slope = np.stack([0.75 / np.sqrt(gap + span.half * node) @ w for node in nodes])
+        slope = np.stack([0.75 / np.sqrt(gap + half * node) @ w for node in nodes])
         gap = np.where(far, gap, 0.0)
         root = np.sqrt(gap)
         series = np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope), float)
-        stiffness = _integrate_series(series, span.half, 1.5 * root @ w)
-        force = _integrate_series(stiffness, span.half, gap * root @ w)
+        stiffness = _integrate_series(series, half, 1.5 * root @ w)
+        force = _integrate_series(stiffness, half, gap * root @ w)
         # T_m at the points, and its difference from T_m at the upper end of the step, both by recurrence: no digits are lost
-        t = (block.origin - least + block.root**2 - span.middle) / span.half
-        drop = block.drop * (block.root + block.root[:, -1:]) / span.half
+        t = (block.origin - least + block.root**2 - middle) / half
+        drop = block.drop * (block.root + block.root[:, -1:]) / half
         values, changes = [np.ones_like(t), t], [np.zeros_like(t), drop]
         for _ in range(len(force) - 2):
             values.append(2.0 * t * values[-1] - values[-2])
             changes.append(2.0 * (drop * values[-2] + t[:, -1:] * changes[-1]) - changes[-2])
         basis, change = np.stack(values), np.stack(changes)
 
-        def summed(table: Array, terms: Array) -> Array:
-            return np.asarray(np.einsum("mn,m...->n...", table, terms[: len(table)]))
-
-        return [summed(stiffness, basis), summed(stiffness, change), summed(force, change), summed(force, basis[..., -1])]
+        far_sums = [
+            np.einsum("mn,m...->n...", table, terms[: len(table)])
+            for table, terms in ((stiffness, basis), (stiffness, change), (force, change), (force, basis[..., -1]))
+        ]
+        return PointBalls(w, self.xi, *(one + other for one, other in zip(near_sums, far_sums, strict=True)))
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:

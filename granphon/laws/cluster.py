@@ -172,115 +172,15 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
     """
     top = max(_FAR_START, _FAR_DEVIATIONS * max(map(abs, shape.bounds)))
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
-    lowest = _find_end(response, shape, top, second)
-    offset = 1.0 / _MOST_X - lowest
-    few = draw_points(response, shape, points, scrambles, seed)
-    balance = ClusterBalance(response, few)
-    far = [balance.solve(y, _guess(second, y)) for y in (top * part for part in _FAR)]
-    near = [far[-1]]
-    # from the top to the lowest overlap, the ends included
-    x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
-    overlaps = 1.0 / x[1:] - offset
-    if lowest < 0.0:
-        overlaps[np.argmin(np.abs(overlaps[:-1]))] = 0.0  # that of touching balls is one of them
-    for y in overlaps.tolist():
-        near.append(balance.step(near[-1], y))
-    return ClusterCurve.fit(far, _refine(near, ClusterDescent(response, shape, few, seed), offset), offset, second)
 
+    def guess(y: float) -> Effective:
+        # the effective lattice at high load, to second order in 1/y
+        off = second / y**2
+        return Effective(y**1.5 * (1.0 + 0.375 * off), 1.5 * y**0.5 * (1.0 - 0.2 * off), 0.4 * second / y)
 
-def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
-    """Take the quadrature error off solutions in descending order of y.
-
-    At every other one it is taken off whole. Between them means are those of the cubic polynomial through the nearest four,
-    and what a survey says that they are off it. What is taken off the stiffness is the slope of what is taken off the force.
-    Errors of the whole ones count as independent: they share a few points of their long descents, and few else.
-    """
-    from scipy.interpolate import CubicSpline
-
-    x, forces = np.array([(1.0 / (one.y + offset), one.force) for one in found]).T
-    goals = np.array([_find_goal(force) for force in forces.tolist()])
-    whole = _choose_whole([one.y for one in found])
-    weights = _weigh_neighbours(x, whole)
-    better = [descent.refine(found[i], goals[i], 1 + i) for i in whole.tolist()]
-    first = np.empty((len(found), *better[0].first.shape))
-    first[whole] = [one.first for one in better]
-    rest = np.setdiff1d(np.arange(len(found)), whole)
-    first[rest] = [descent.evaluate_first(found[i]) for i in rest.tolist()]
-    off, variances = _survey(found, descent, first, weights, whole, _ROUGH_SHARE * goals * forces)
-    means = weights @ [one.means for one in better] + off
-    errors = np.sqrt(np.square(weights) @ [one.error**2 for one in better] + variances)
-    slope = CubicSpline(x, means[:, 0] - forces)(x, 1)
-    return [
-        replace(
-            one, force=force, stiffness=one.stiffness - float(at**2 * change), error=float(error / force),
-            fluctuation=float(np.sqrt(max(square / ball**2 - 1.0, 0.0))), contacts=contacts,
-        )
-        for one, at, change, error, (force, ball, square, contacts) in zip(
-            found, x, slope, errors, means.tolist(), strict=True
-        )
-    ]  # fmt: skip
-
-
-def _survey(
-    found: list[Balance], descent: ClusterDescent, first: Array, weights: Array, whole: NDArray[np.intp], bounds: Array
-) -> tuple[Array, Array]:
-    """Return how far the means (n, 4) are off the polynomials through those of the ``whole``, and the variances (n,).
-
-    Both are zero where the solutions are whole themselves. Points are the same everywhere, so that their error is a smooth
-    function of y and hardly matters. How rough it is follows from the scatter between sets of points, of which there are so
-    many that the standard error comes down to the ``bounds``.
-    """
-
-    def find_off(means: Array) -> Array:
-        return np.asarray(means - np.einsum("iw,swm->sim", weights, means[:, whole]))
-
-    middle, long = np.moveaxis(first, 0, 2)
-    wanted = np.ceil(np.square(np.std(find_off(middle)[..., 0], axis=0, ddof=1) / bounds))
-    counts = np.clip(wanted, len(middle), MOST_SETS).astype(int)
-    # a set serves at a place if all solutions of its polynomial have it
-    drawn = counts.copy()
-    drawn[whole] = np.max(np.where(weights != 0.0, counts[:, None], 0), axis=0)
-    begin = find_off(np.concatenate([middle, descent.survey(found, drawn.tolist(), len(middle))]))
-    end = find_off(long - middle)
-    means, variances = np.mean(end, axis=0), np.var(end[..., 0], axis=0, ddof=1) / len(end)
-    for i, count in enumerate(counts.tolist()):
-        means[i] += np.mean(begin[:count, i], axis=0)
-        variances[i] += np.var(begin[:count, i, 0], ddof=1) / count
-    return means, variances
-
-
-def _find_goal(force: float) -> float:
-    """Return the relative standard error that the force is to have: larger below where the medium is valid."""
-    return float(min(_ERROR * max(1.0, _ERROR_FORCE / force) ** 3, _MOST_ERROR))
-
-
-def _guess(second: float, y: float) -> Effective:
-    """Return the effective lattice at high load, to second order in 1/y."""
-    return Effective(y**1.5 * (1.0 + 0.375 * second / y**2), 1.5 * y**0.5 * (1.0 - 0.2 * second / y**2), 0.4 * second / y)
-
-
-def _choose_whole(y: list[float]) -> NDArray[np.intp]:
-    """Return every other place from that of the last y above zero on, either way, and both ends."""
-    places, touching = np.arange(len(y)), sum(one >= 0.0 for one in y) - 1
-    return np.flatnonzero(((places - touching) % 2 == 0) | (places == 0) | (places == len(y) - 1))
-
-
-def _weigh_neighbours(x: Array, whole: NDArray[np.intp]) -> Array:
-    """Return the weights (n, whole) that values at x[whole] have at x in the cubic polynomials through the nearest four."""
-    from scipy.interpolate import krogh_interpolate
-
-    weights = np.zeros((len(x), len(whole)))
-    for i, at in enumerate(x):
-        near = slice(first := int(np.clip(np.searchsorted(whole, i) - 2, 0, len(whole) - 4)), first + 4)
-        weights[i, near] = krogh_interpolate(x[whole[near]], np.eye(4), at)
-    weights[whole] = np.eye(len(whole))
-    return weights
-
-
-def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float) -> float:
-    """Find the overlap at which f* falls to the least that is solved, from few realisations."""
+    # few realisations find the overlap at which f* falls to the least that is solved
     balance = ClusterBalance(response, draw_points(response, shape, _TRIAL, 1))
-    now, least, share = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 0.5
+    now, least, share = balance.solve(top, guess(top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 0.5
     while now.force > 1.001 * LEAST_SOLVED_FORCE:
         # f^(2/3) is nearly linear in y; a step takes off no more than half of it
         root = now.force ** (2.0 / 3.0)
@@ -296,7 +196,80 @@ def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float
             if now.force > _MOST_END:
                 raise
             break
-    return now.y
+    lowest = now.y
+    offset = 1.0 / _MOST_X - lowest
+    few = draw_points(response, shape, points, scrambles, seed)
+    balance = ClusterBalance(response, few)
+    far = [balance.solve(y, guess(y)) for y in (top * part for part in _FAR)]
+    near = [far[-1]]
+    # from the top to the lowest overlap, the ends included
+    x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
+    overlaps = 1.0 / x[1:] - offset
+    if lowest < 0.0:
+        overlaps[np.argmin(np.abs(overlaps[:-1]))] = 0.0  # that of touching balls is one of them
+    for y in overlaps.tolist():
+        near.append(balance.step(near[-1], y))
+    return ClusterCurve.fit(far, _refine(near, ClusterDescent(response, shape, few, seed), offset), offset, second)
+
+
+def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
+    """Take the quadrature error off solutions in descending order of y.
+
+    At every other one it is taken off whole. Between them means are those of the cubic polynomial through the nearest four,
+    and what a survey says that they are off it. Its points are the same everywhere, so that their error is a smooth function
+    of y and hardly matters. How rough it is follows from the scatter between sets of points, of which there are so many that
+    the standard error comes down to a part of the goal. What is taken off the stiffness is the slope of what is taken off
+    the force. Errors of the whole ones count as independent: they share a few points of their long descents, and few else.
+    """
+    from scipy.interpolate import CubicSpline, krogh_interpolate
+
+    n = len(found)
+    x, forces = np.array([(1.0 / (one.y + offset), one.force) for one in found]).T
+    # the relative standard error that the force is to have: larger below where the medium is valid
+    goals = np.minimum(_ERROR * np.maximum(1.0, _ERROR_FORCE / forces) ** 3, _MOST_ERROR)
+    # whole: every other place from that of the last y above zero on, either way, and both ends
+    places, touching = np.arange(n), sum(one.y >= 0.0 for one in found) - 1
+    whole = np.flatnonzero(((places - touching) % 2 == 0) | (places == 0) | (places == n - 1))
+    # weights (n, whole) that values at x[whole] have at x in the polynomials
+    weights = np.zeros((n, len(whole)))
+    for i, at in enumerate(x):
+        near = slice(begin := int(np.clip(np.searchsorted(whole, i) - 2, 0, len(whole) - 4)), begin + 4)
+        weights[i, near] = krogh_interpolate(x[whole[near]], np.eye(4), at)
+    weights[whole] = np.eye(len(whole))
+    better = [descent.refine(found[i], goals[i], 1 + i) for i in whole.tolist()]
+    first = np.empty((n, *better[0].first.shape))
+    first[whole] = [one.first for one in better]
+    rest = np.setdiff1d(places, whole)
+    first[rest] = [descent.evaluate_first(found[i])[..., :4] for i in rest.tolist()]
+
+    def find_off(means: Array) -> Array:
+        # how far means (n, sets, 4) are off the polynomials through those of the whole: (sets, n, 4)
+        return np.asarray(means - np.einsum("iw,swm->sim", weights, means[:, whole]))
+
+    middle, long = np.moveaxis(first, 0, 2)
+    wanted = np.ceil(np.square(np.std(find_off(middle)[..., 0], axis=0, ddof=1) / (_ROUGH_SHARE * goals * forces)))
+    counts = np.clip(wanted, len(middle), MOST_SETS).astype(int)
+    # a set serves at a place if all solutions of its polynomial have it
+    drawn = counts.copy()
+    drawn[whole] = np.max(np.where(weights != 0.0, counts[:, None], 0), axis=0)
+    start = find_off(np.concatenate([middle, descent.survey(found, drawn.tolist(), len(middle))]))
+    end = find_off(long - middle)
+    off, variances = np.mean(end, axis=0), np.var(end[..., 0], axis=0, ddof=1) / len(end)
+    for i, count in enumerate(counts.tolist()):
+        off[i] += np.mean(start[:count, i], axis=0)
+        variances[i] += np.var(start[:count, i, 0], ddof=1) / count
+    means = weights @ [one.means for one in better] + off
+    errors = np.sqrt(np.square(weights) @ [one.error**2 for one in better] + variances)
+    slope = CubicSpline(x, means[:, 0] - forces)(x, 1)
+    return [
+        replace(
+            one, force=force, stiffness=one.stiffness - float(at**2 * change), error=float(error / force),
+            fluctuation=float(np.sqrt(max(square / ball**2 - 1.0, 0.0))), contacts=contacts,
+        )
+        for one, at, change, error, (force, ball, square, contacts) in zip(
+            found, x, slope, errors, means.tolist(), strict=True
+        )
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +292,16 @@ class ClusterCurve:
     @classmethod
     def fit(cls, high: list[Balance], low: list[Balance], offset: float, second: float) -> ClusterCurve:
         """Fit the series to solutions at high load, and the polynomial to those below, in descending order of y."""
-        far = _fit_series(high, second)
+        # the orders from the third on of f/y^(3/2) as a series in 1/y, relative to equal balls, and over the second order
+        y = np.array([one.y for one in high])[:, None]
+        force, k = np.array([(one.force, one.stiffness) for one in high]).T
+        start, known = float(y[-1, 0]), 0.375 * second / y[:, 0] ** 2
+        rows = [np.concatenate([(start / y) ** _ORDERS, (1.0 - _ORDERS / 1.5) * (start / y) ** _ORDERS])]
+        goal = [force / y[:, 0] ** 1.5 - 1.0 - known, k / (1.5 * y[:, 0] ** 0.5) - 1.0 + known / 3.0]
+        mean = np.zeros(_TERMS)
+        mean[0], mean[2] = 1.0, 0.375 * second / start**2
+        mean[_ORDERS] = np.linalg.lstsq(rows[0], np.concatenate(goal), rcond=None)[0]
+        far = Series(read_only(mean), start, start, np.zeros((_TERMS, 1)), np.ones(1))
         y = np.array([one.y for one in low])
         force, k = np.array([(one.force, one.stiffness) for one in low]).T
         root = np.cbrt(force)
@@ -351,11 +333,6 @@ class ClusterCurve:
     def least_force(self) -> float:
         """Reduced force at the start of the curve."""
         return float(self.value(np.array(self.start), FORCE))
-
-    @cached_property
-    def energy_offset(self) -> float:
-        """Reduced energy of the curve minus that of the series, at the overlap where they meet."""
-        return float(self.value(np.array(self.far.start), ENERGY)) - self.far.value(self.far.start, ENERGY)
 
     def value(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
@@ -403,18 +380,3 @@ def _make_basis(y: Array, top: float, offset: float) -> tuple[Array, Array, Arra
     )
     x = np.asarray(x)[..., None]
     return np.asarray(value), np.asarray(-(x**2) * first), np.asarray(x**4 * second + 2.0 * x**3 * first)
-
-
-def _fit_series(found: list[Balance], second: float) -> Series:
-    """Fit the orders from the third on of f/y^(3/2) as a series in 1/y."""
-    y = np.array([one.y for one in found])[:, None]
-    force, k = np.array([(one.force, one.stiffness) for one in found]).T
-    start = float(y[-1, 0])
-    # relative to equal balls, and over the second order
-    known = 0.375 * second / y[:, 0] ** 2
-    rows = np.concatenate([(start / y) ** _ORDERS, (1.0 - _ORDERS / 1.5) * (start / y) ** _ORDERS])
-    goal = [force / y[:, 0] ** 1.5 - 1.0 - known, k / (1.5 * y[:, 0] ** 0.5) - 1.0 + known / 3.0]
-    mean = np.zeros(_TERMS)
-    mean[0], mean[2] = 1.0, 0.375 * second / start**2
-    mean[_ORDERS] = np.linalg.lstsq(rows, np.concatenate(goal), rcond=None)[0]
-    return Series(read_only(mean), start, start, np.zeros((_TERMS, 1)), np.ones(1))

@@ -90,21 +90,6 @@ class Balance:
     matrix: Array
 
 
-class _Conditions(NamedTuple):
-    """What the conditions miss in each realisation (n, 3), their derivatives with f, kappa and tau (3, 3), and with y (3,).
-
-    Of the ball in the middle: its mean force in each realisation (n,), the derivatives of its mean with f, kappa, tau and y
-    (4,), and the part of its contacts that carry force.
-    """
-
-    miss: Array
-    matrix: Array
-    by_y: Array
-    ball: Array
-    by_ball: Array
-    contacts: float
-
-
 def find_modes(response: ClusterResponse) -> tuple[Array, Array]:
     """Return B (n_c, r) with P = B B^T and orthogonal columns, and the eigenvalues (r,) of P, their squared lengths."""
     values, vectors = np.linalg.eigh(response.response)
@@ -140,37 +125,32 @@ class ClusterBalance:
         now = np.array(start)
         for _ in range(40):
             self._relax(y, Effective(*now.tolist()))
-            found = self._linearise(y, Effective(*now.tolist()))
-            total = np.mean(found.miss, axis=0)
-            change = -np.linalg.solve(found.matrix, total)
+            miss, by, ball, contacts = self._linearise(y, Effective(*now.tolist()))
+            matrix = by[:3, :3]
+            change = -np.linalg.solve(matrix, np.mean(miss, axis=0))
             ratio = np.abs(change / now)[:2]
             change *= min(1.0, 0.5 / float(np.max(ratio)))
             now = now + change
             self._w += self._changes[..., :3] @ change
             if not np.all(np.isfinite(now)):
                 break
-            if np.max(ratio) < _SETTLED:
-                return self._conclude(y, found, now, np.asarray(change, float))
+            if np.max(ratio) >= _SETTLED:
+                continue
+            # ``now`` is a last small change away from where the conditions were evaluated
+            slopes, by_lattice = -np.linalg.solve(matrix, by[:3, 3]), by[3, :3]
+            force = float(np.mean(ball) + by_lattice @ change)
+            # each scramble alone: its own mean, in its own effective lattice
+            influence = np.linalg.solve(matrix.T, by_lattice)
+            realisations = np.asarray(ball - miss @ influence, float)
+            off = np.mean(realisations.reshape(self._points.scrambles, -1), axis=1)
+            error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
+            return Balance(
+                y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, float(by[3, 3] + by_lattice @ slopes),
+                error / force, float(np.std(ball)) / force, contacts, realisations, np.asarray(influence, float), matrix,
+            )  # fmt: skip
         raise PrecisionError(
             message(f"the cluster medium does not settle at an overlap of {y:.6g} widths", mend="Raise the load")
         )
-
-    def _conclude(self, y: float, found: _Conditions, now: Array, change: Array) -> Balance:
-        """Return the solution ``now``, a last small change away from where the conditions were evaluated."""
-        slopes = -np.linalg.solve(found.matrix, found.by_y)
-        by_lattice, by_y = found.by_ball[:3], float(found.by_ball[3])
-        force = float(np.mean(found.ball) + by_lattice @ change)
-        # each scramble alone: its own mean, in its own effective lattice
-        influence = np.linalg.solve(found.matrix.T, by_lattice)
-        realisations = np.asarray(found.ball - found.miss @ influence, float)
-        off = np.mean(realisations.reshape(self._points.scrambles, -1), axis=1)
-        error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
-        stiffness = by_y + float(by_lattice @ slopes)
-        return Balance(
-            y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, stiffness, error / force,
-            float(np.std(found.ball)) / force, found.contacts, realisations, np.asarray(influence, float),
-            found.matrix,
-        )  # fmt: skip
 
     def overlaps(self, y: float, effective: Effective) -> Array:
         """Return the overlaps h (n, n_c) of all contacts in equilibrium, in a given effective lattice."""
@@ -188,13 +168,9 @@ class ClusterBalance:
 
     def _relax(self, y: float, now: Effective) -> None:
         """Bring all realisations into equilibrium, by Newton's method with a line search."""
-        share_out(lambda part: self._relax_part(np.arange(*part.indices(len(self._w))), y, now), self._parts)
-
-    def _relax_part(self, going: NDArray[np.intp], y: float, now: Effective) -> None:
         f, kappa, tau = now
         points, modes = self._points, self._modes
         rounding = 1e-15 * len(modes) * (f + kappa) * (1.0 + abs(y))
-        w, fixed = self._w[going], y + points.misfits[going] + tau * points.pushes[going]
 
         def energy(w: Array, fixed: Array) -> Array:
             h = fixed - w @ modes.T
@@ -202,31 +178,40 @@ class ClusterBalance:
             own = 0.4 * closed**2 * np.sqrt(closed) - f * h - 0.5 * kappa * (h - y) ** 2
             return np.asarray(0.5 * (1.0 + _HOLD) * kappa * np.sum(w * w, axis=1) + np.sum(own, axis=1))
 
-        for _ in range(200):
-            h = fixed - w @ modes.T
-            closed = np.maximum(h, 0.0)
-            root = np.sqrt(closed)
-            pull = (1.0 + _HOLD) * kappa * w - (closed * root - f - kappa * (h - y)) @ modes
-            left = np.max(np.abs(pull), axis=1) > _BALANCED * min(f, kappa)
-            if not np.any(left):
-                return
-            going, w, fixed, pull = going[left], w[left], fixed[left], pull[left]
-            step = np.linalg.solve(self._stiffen(1.5 * root[left], kappa), pull[..., None])[..., 0]
-            length, work = np.ones(len(w)), np.sum(pull * step, axis=1)
-            before = energy(w, fixed)
-            for _ in range(30):
-                rising = energy(w - length[:, None] * step, fixed) > before - 1e-4 * length * work + rounding
-                if not np.any(rising):
-                    break
-                length[rising] *= 0.4
-            w = w - length[:, None] * step
-            self._w[going] = w
-        raise PrecisionError(
-            message(f"a cluster finds no equilibrium at an overlap of {y:.6g} widths", mend="Raise the load")
-        )
+        def relax(part: slice) -> None:
+            going = np.arange(*part.indices(len(self._w)))
+            w, fixed = self._w[going], y + points.misfits[going] + tau * points.pushes[going]
+            for _ in range(200):
+                h = fixed - w @ modes.T
+                closed = np.maximum(h, 0.0)
+                root = np.sqrt(closed)
+                pull = (1.0 + _HOLD) * kappa * w - (closed * root - f - kappa * (h - y)) @ modes
+                left = np.max(np.abs(pull), axis=1) > _BALANCED * min(f, kappa)
+                if not np.any(left):
+                    return
+                going, w, fixed, pull = going[left], w[left], fixed[left], pull[left]
+                step = np.linalg.solve(self._stiffen(1.5 * root[left], kappa), pull[..., None])[..., 0]
+                length, work = np.ones(len(w)), np.sum(pull * step, axis=1)
+                before = energy(w, fixed)
+                for _ in range(30):
+                    rising = energy(w - length[:, None] * step, fixed) > before - 1e-4 * length * work + rounding
+                    if not np.any(rising):
+                        break
+                    length[rising] *= 0.4
+                w = w - length[:, None] * step
+                self._w[going] = w
+            what = f"a cluster finds no equilibrium at an overlap of {y:.6g} widths"
+            raise PrecisionError(message(what, mend="Raise the load"))
 
-    def _linearise(self, y: float, now: Effective) -> _Conditions:
-        """Return the conditions and their derivatives; it keeps the changes of w."""
+        share_out(relax, self._parts)
+
+    def _linearise(self, y: float, now: Effective) -> tuple[Array, Array, Array, float]:
+        """Return the conditions and their derivatives; it keeps the changes of w.
+
+        They are what the conditions miss in each realisation (n, 3); the derivatives (4, 4) of these three, and of the mean
+        force on the ball in the middle, with f, kappa, tau and y; that force in each realisation (n,); and the part of the
+        ball's contacts that carry force.
+        """
         f, kappa, _ = now
         misses, slopes, squares, central = [], np.zeros((4, 4)), 0.0, []
         for miss, by, square, ball in share_out(lambda part: self._linearise_part(part, y, now), self._parts):
@@ -244,7 +229,7 @@ class ClusterBalance:
         slopes[2] -= [0.0, now.push, kappa, 0.0]
         slopes[0, 0] -= 1.0
         ball, closed = np.concatenate(central, axis=1)
-        return _Conditions(per, slopes[:3, :3], slopes[:3, 3], ball, slopes[3], float(np.mean(closed)))
+        return per, slopes, ball, float(np.mean(closed))
 
     def _linearise_part(self, part: slice, y: float, now: Effective) -> tuple[Array, Array, float, Array]:
         """Return, for one part of the realisations, mean force, <phi s> and <phi^2> of each, and slopes."""

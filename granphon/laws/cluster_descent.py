@@ -100,12 +100,9 @@ class ClusterDescent:
         self._few = few.misfits.astype(np.float32), few.pushes.astype(np.float32)
         self._half = len(few.misfits) // few.scrambles // 2
 
-    def evaluate_first(self, found: Balance) -> Array:
-        """Return means (2, sets, 4) of a survey after a middle and a long descent.
-
-        Points are a few sets, the same for all solutions.
-        """
-        return self._evaluate_first(found, (_MIDDLE, _LONG))[..., :4]
+    def evaluate_first(self, found: Balance, steps: tuple[int, ...] = (_MIDDLE, _LONG)) -> Array:
+        """Return means (len(steps), sets, 7) of a survey after so many steps: of a few sets, the same for all solutions."""
+        return np.stack(share_out(lambda one: self._find_means(found, found.effective, *one, steps), self._first), axis=1)
 
     def survey(self, found: Sequence[Balance], counts: Sequence[int], start: int) -> Array:
         """Return means (sets, n, 4) of n solutions after a middle descent, of sets of points from the ``start`` on.
@@ -133,7 +130,7 @@ class ClusterDescent:
         # a realisation and its antithetic one are no two, but all else that the points do for the few is not counted
         pairs = np.mean((found.realisations - few[:, 0]).reshape(-1, 2, self._half), axis=1).ravel()
         variance = float(np.var(pairs, ddof=1)) / pairs.size
-        first = self._evaluate_first(found, (_SHORT, _MIDDLE, _LONG))
+        first = self.evaluate_first(found, (_SHORT, _MIDDLE, _LONG))
         least = max(_LONG_SHARE * bound, 0.5 * np.sqrt(variance))
         points = len(self._first[0][0])
         start, end = self._sample(found, found.effective, (_SHORT, _LONG), least, [number, 1], points, first[::2])
@@ -149,9 +146,6 @@ class ClusterDescent:
         equal = [found.force, found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
         means = np.mean(many[:, :4], axis=0) + np.mean(end - start, axis=0)[:4] + equal - np.mean(few, axis=0)[:4]
         return Refined(means, float(np.sqrt(variance)), first[1:, :, :4])
-
-    def _evaluate_first(self, found: Balance, steps: tuple[int, ...]) -> Array:
-        return np.stack(share_out(lambda one: self._find_means(found, found.effective, *one, steps), self._first), axis=1)
 
     def _sample(
         self, found: Balance, now: Effective, steps: tuple[int, ...], bound: float, number: list[int], points: int,

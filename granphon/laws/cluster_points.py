@@ -91,9 +91,27 @@ class PointSource:
         odd[:, : self._near] = 0.5 * (one - other)
         odd[:, self._near :] = ndtri(cube[:, self._near :])
         even = 0.5 * (one + other)
+        # uncorrelated parts of the realisations; where no ``even`` is left it is zero
         lopsided = even.astype(self._dtype) @ self._parts[: self._near] if np.any(np.abs(even) > _LEAST) else None
-        found = _match(odd @ self._parts, lopsided, self._root)
-        return None if found is None else (found[:, : self._contacts], found[:, self._contacts :])
+        odd = odd @ self._parts
+        covariance = (odd.T @ odd).astype(float)
+        if lopsided is not None:
+            lopsided -= lopsided.mean(axis=0, dtype=float).astype(lopsided.dtype)
+            covariance += lopsided.T @ lopsided
+        covariance /= len(odd)
+        try:
+            # it has a factor if all directions vary more than that
+            np.linalg.cholesky(covariance - _LEAST_VARIANCE * np.eye(len(covariance)))
+        except np.linalg.LinAlgError:
+            return None
+        # so stretched that the covariance is root root^T: even + odd, then even - odd
+        stretch = np.linalg.solve(np.linalg.cholesky(covariance).T, self._root.T).astype(odd.dtype)
+        found = np.empty((2 * len(odd), len(self._root)), odd.dtype)
+        np.matmul(odd, stretch, out=found[: len(odd)])
+        np.negative(found[: len(odd)], out=found[len(odd) :])
+        if lopsided is not None:
+            found.reshape(2, len(odd), -1)[:] += lopsided @ stretch
+        return found[:, : self._contacts], found[:, self._contacts :]
 
     def draw_enough(self, seeds: Sequence[int | list[int]], points: int) -> list[tuple[Floats, Floats]]:
         """Draw sets of ``points`` or more: a kind of balls that is rare asks for more.
@@ -147,29 +165,3 @@ def _root(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance)
     kept = values > _LEAST
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept]))[:, ::-1])
-
-
-def _match(odd: Floats, even: Floats | None, root: Array) -> Floats | None:
-    """Return realisations, so stretched that their covariance is root root^T, of mean zero: even + odd, then even - odd.
-
-    Both are uncorrelated parts; no ``even`` is zero. The result is None if a direction is nearly missing, as where no ball
-    of a rare kind is at a place.
-    """
-    half = len(odd)
-    covariance = (odd.T @ odd).astype(float)
-    if even is not None:
-        even -= even.mean(axis=0, dtype=float).astype(even.dtype)
-        covariance += even.T @ even
-    covariance /= half
-    try:
-        # it has a factor if all directions vary more than that
-        np.linalg.cholesky(covariance - _LEAST_VARIANCE * np.eye(len(covariance)))
-    except np.linalg.LinAlgError:
-        return None
-    stretch = np.linalg.solve(np.linalg.cholesky(covariance).T, root.T).astype(odd.dtype)
-    found = np.empty((2 * half, len(root)), odd.dtype)
-    np.matmul(odd, stretch, out=found[:half])
-    np.negative(found[:half], out=found[half:])
-    if even is not None:
-        found.reshape(2, half, -1)[:] += even @ stretch
-    return found

@@ -9,6 +9,11 @@ each step the solution is a polynomial. Steps end at the openings, the overlaps 
 open and k has a kink. Between two openings the variable is the square root of the distance to the lower one, in which k is
 smooth.
 
+On a step y = origin + u^2, and k is a polynomial in u. Force and energy are integrals of this polynomial and the slope of k
+is its derivative, so that all four agree exactly. There are tens of steps or, for long lists of diameters, tens of
+thousands, so a curve is stored as arrays over steps: an element of an (n, steps) table is the coefficient of a Chebyshev
+polynomial of t = (u - middle)/half, -1 <= t <= 1.
+
 A step needs one number from the step above it: k at their common end. So Newton's method solves many steps at once. To first
 order the change of k at the lower end of a step is linear in the change at its upper end, and these relations are applied
 one after the other, downwards.
@@ -17,8 +22,9 @@ one after the other, downwards.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -28,11 +34,24 @@ from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.base.errors import PrecisionError, message
+from granphon.base.results import read_only
 from granphon.laws.averages import Block, DensityAverages, DensityBalls, PointAverages, PointBalls
-from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE, VANISHED, EffectiveCurve
-from granphon.laws.spread import FORCE, STIFFNESS, CurveLaw, high_pressure_series
+from granphon.laws.spread import FORCE, SLOPE, STIFFNESS, CurveLaw, Series, high_pressure_series
 
 Array = NDArray[np.float64]
+#: the number of one step, or an array of the step of each value
+Index = int | NDArray[np.intp]
+#: f* down to which the curve is solved, far below the paper's limit of validity
+LEAST_SOLVED_FORCE = 1e-6
+#: f* from which Section IV states that the medium is valid, by comparison with simulations of the triangular lattice
+VALID_FORCE = 0.08
+#: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap of the first contact: wherever the
+#: law stiffens the ratio is one or more
+_VANISHED = 1e-7
+#: number of values worked on at once where the coefficients of its step are copied for each value
+_VALUES_AT_ONCE = 2**13
+#: number of values per step from which values are sorted by step
+_MANY_VALUES = 64
 #: number of collocation (Radau) points on a step; its upper end is not counted
 _STAGES = 16
 #: tolerance of the last Chebyshev coefficients of k, relative to the least value of k on the step
@@ -86,6 +105,159 @@ class EffectiveLaw(CurveLaw):
 # -- the curve --------------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, eq=False)
+class EffectiveCurve:
+    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the series ``far`` beyond them.
+
+    ``places`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds energy, force and stiffness,
+    (n, steps) each. The curve begins at f* = 1e-6, or where steps no longer settle in double precision if that is higher
+    (but below the limit of validity).
+    """
+
+    shape: Shape
+    xi: float
+    far: Series
+    places: Array
+    tables: tuple[Array, Array, Array]
+
+    @classmethod
+    def of(cls, shape: Shape, xi: float, far: Series, places: Array, stiffness: Array, force: float) -> EffectiveCurve:
+        """Make a curve from the (s + 1, steps) table of k and the force at the lower end of the first step."""
+        rise = 2.0 * places[2] * places[1:]  # dy/dt, as a series
+        forces = _integrate_over_steps(stiffness, rise, force)
+        tables = _integrate_over_steps(forces, rise, 0.0), forces, stiffness
+        # the curve and the series differ here by rounding alone; scaling the curve removes the jump
+        scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
+        energy, force_table, stiffness = (read_only(scale * table) for table in tables)
+        return cls(shape, xi, far, read_only(places), (energy, force_table, stiffness))
+
+    @cached_property
+    def least_force(self) -> float:
+        """Reduced force f* at the start of the curve."""
+        return max(LEAST_SOLVED_FORCE, float(self.ends(FORCE)[0, 0]))
+
+    @cached_property
+    def start(self) -> float:
+        """Reduced overlap y at the start of the curve."""
+        return float(self.overlap(np.array([self.least_force]))[0])
+
+    @cached_property
+    def stiffness_vanishes(self) -> bool:
+        """Whether the stiffness is zero at the start of the curve, although contacts still carry force there.
+
+        Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as the overlap grows; below
+        that point there is no solution with k > 0.
+        """
+        depth = float(self.places[0, 0] + (self.places[1, 0] - self.places[2, 0]) ** 2) - float(self.shape.openings[0])
+        return bool(self.ends(STIFFNESS)[0, 0] * depth < _VANISHED * self.ends(FORCE)[0, 0])
+
+    def ends(self, order: int) -> Array:
+        """Return (2, steps) energy, force or stiffness at the lower and the upper end of each step."""
+        table = self.tables[order]
+        return np.stack([np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0), np.sum(table, axis=0)])
+
+    def value(self, y: Array, order: int) -> Array:
+        """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
+
+        def of(index: Index, part: Array) -> Array:
+            return self._evaluate(index, np.sqrt(part - self.places[0, index]), order)
+
+        # a kink belongs to the step below it, where the slope is finite
+        return self._evaluate_by_step(np.searchsorted(self._edges[0], y), y, of)
+
+    def overlap(self, force: Array) -> Array:
+        """Return y at forces between those at the ends of the curve, by Newton's method."""
+
+        below, above = self._edges[1]
+        span = np.maximum(above - below, 4.0 * np.finfo(float).eps * below)  # at least the rounding of the force
+
+        def of(index: Index, wanted: Array) -> Array:
+            origin, middle, half = self.places[:, index]
+            # u is smooth in a variable from 0 to 1: where contacts open, f rises as u^2; elsewhere it may span decades
+            part, touching = np.clip(wanted - below[index], 0.0, span[index]), self.places[1, index] == self.places[2, index]
+            spread = np.log1p(part / below[index]) / np.log1p(span[index] / below[index])
+            root = middle + half * (2.0 * np.where(touching, np.sqrt(part / span[index]), spread) - 1.0)
+            for _ in range(30):
+                miss = wanted - self._evaluate(index, root, FORCE)
+                slope = 2.0 * root * self._evaluate(index, root, STIFFNESS)
+                change = np.divide(miss, slope, out=np.zeros_like(root), where=slope > 0.0)
+                root = np.clip(root + change, middle - half, middle + half)
+                # either convergence, which is quadratic, needs no further iteration, or only rounding is left
+                settled = np.abs(change) <= 1e-9 * (middle + half)
+                if np.all(settled | (np.abs(miss) <= 4.0 * np.finfo(float).eps * wanted)):
+                    break
+            return np.asarray(origin + root**2)
+
+        return self._evaluate_by_step(np.searchsorted(above[:-1], force), force, of)
+
+    @cached_property
+    def _edges(self) -> tuple[Array, Array]:
+        """Reduced overlap y where steps meet, and force f* (2, steps) at both ends of each step."""
+        origin, middle, half = self.places
+        return (origin + (middle - half) ** 2)[1:], self.ends(FORCE)
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """Two tables of the slope of k: a series, and a series that must be divided by dy/dt.
+
+        dy/dt is zero where contacts open. There, for listed diameters, k rises as the square root of the distance in y, and
+        its slope is unbounded. For a density, k rises as the fifth power of that root, and the series can be divided without
+        a remainder other than rounding.
+        """
+        numerator = np.asarray(chebyshev.chebder(self.tables[STIFFNESS]), float)
+        quotient = np.zeros((max(1, len(numerator) - 1), numerator.shape[1]))
+        if not isinstance(self.shape, PointShape):
+            for i in np.flatnonzero(self.places[1] == self.places[2]):
+                series = chebyshev.chebdiv(numerator[:, i], 2.0 * self.places[2, i] * self.places[1:, i])[0]
+                quotient[: series.size, i] = series
+                numerator[:, i] = 0.0
+        return quotient, numerator
+
+    def _evaluate(self, index: Index, root: Array, order: int) -> Array:
+        """Return a derivative of the energy at u = ``root`` on the steps ``index``."""
+        _, middle, half = self.places[:, index]
+        t = (root - middle) / half
+        if order < SLOPE:
+            return np.asarray(chebyshev.chebval(t, self.tables[order][:, index], tensor=False))
+        whole, divided = (chebyshev.chebval(t, table[:, index], tensor=False) for table in self._slopes)
+        rise = 2.0 * half * root
+        return np.asarray(whole + np.divide(divided, rise, out=np.zeros_like(rise), where=divided != 0.0))
+
+    def _evaluate_by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]) -> Array:
+        flat, numbers = values.ravel(), index.ravel()
+        out = np.empty(flat.size)
+        if flat.size < _MANY_VALUES * self.places.shape[1]:
+            for begin in range(0, flat.size, _VALUES_AT_ONCE):
+                part = slice(begin, begin + _VALUES_AT_ONCE)
+                out[part] = of(numbers[part], flat[part])
+            return out.reshape(values.shape)
+        # sort by step, so that each step is evaluated once; small integers sort in linear time
+        order = np.argsort(numbers.astype(np.min_scalar_type(self.places.shape[1])), kind="stable")
+        ascending, numbers = flat[order], numbers[order]
+        first = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1])) if numbers.size else np.empty(0, int)
+        for begin, end in pairwise([*first.tolist(), order.size]):
+            out[order[begin:end]] = of(int(numbers[begin]), ascending[begin:end])
+        return out.reshape(values.shape)
+
+
+def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
+    """Return the table (n + 2, steps) of the integral over y, equal to ``start`` where the first step begins.
+
+    ``rise`` (2, steps) are the coefficients of dy/dt.
+    """
+    product = np.zeros((len(table) + 1, table.shape[1]))
+    product[:-1] += rise[0] * table
+    product[1:] += 0.5 * rise[1] * table
+    product[1] += 0.5 * rise[1] * table[0]
+    product[:-2] += 0.5 * rise[1] * table[1:]
+    integral = np.asarray(chebyshev.chebint(product, lbnd=-1.0), float)
+    integral[0] += start + np.append(0.0, np.cumsum(np.sum(integral, axis=0))[:-1])
+    return integral
+
+
+# -- its solution -----------------------------------------------------------------------------------------------------
+
+
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
     """Solve equation (36) for a shape and Xi; force and stiffness are right to 1e-8 or better from f* = 1e-4 on.
@@ -135,12 +307,21 @@ def solve_curve(
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, order)
     rule, far = radau(stages), high_pressure_series(shape, xi)
-    pending = _divide_into_steps([*shape.openings.tolist(), far.start], most)
+    # the initial steps in ascending order, each as (origin, lower root, upper root)
+    pending: list[tuple[float, float, float]] = []
+    ends = [*shape.openings.tolist(), far.start]
+    for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
+        cuts = [math.sqrt(end - origin)]
+        while origin - below < _NEAR * cuts[-1] ** 2:
+            cuts.append(0.5 * cuts[-1])
+        for low, high in pairwise([0.0, *reversed(cuts)]):
+            parts = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
+            pending += [(origin, *part) for part in pairwise(np.linspace(low, high, parts + 1).tolist())]
     first = pending[0][0]
     top, force = far.value(far.start, STIFFNESS), far.value(far.start, FORCE)
     places, series = [], []
     count, guess = 1, None
-    while force > LEAST_SOLVED_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > VANISHED * force:
+    while force > LEAST_SOLVED_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > _VANISHED * force:
         # where the first contact opens, force and stiffness are both zero: steps approach that end but do not include it
         if pending[-1][:2] == (first, 0.0):
             pending[-1:] = _halve(pending[-1])
@@ -185,20 +366,6 @@ def solve_curve(
         count, guess = 2 * count, None
     where, stiffness = (np.ascontiguousarray(np.concatenate(parts)[::-1].T) for parts in (places, series))
     return EffectiveCurve.of(shape, xi, far, where, stiffness, force)
-
-
-def _divide_into_steps(ends: list[float], most: float) -> list[tuple[float, float, float]]:
-    """Return the initial steps in ascending order, each as (origin, lower root, upper root)."""
-    steps = []
-    for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
-        high = math.sqrt(end - origin)
-        cuts = [high]
-        while origin - below < _NEAR * cuts[-1] ** 2:
-            cuts.append(0.5 * cuts[-1])
-        for low, high in pairwise([0.0, *reversed(cuts)]):
-            parts = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
-            steps += [(origin, *part) for part in pairwise(np.linspace(low, high, parts + 1).tolist())]
-    return steps
 
 
 def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]:

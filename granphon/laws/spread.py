@@ -13,7 +13,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -175,10 +175,21 @@ class SpreadLaw(ABC):
         def near(part: Array) -> Array:
             return self.width * self._find_near_overlap(np.asarray(self._units.reduced_force(part)))
 
+        def beyond(part: Array) -> Array:
+            hertz = HertzLaw(self.coefficient)
+            delta = np.asarray(hertz.overlap(part))
+            for _ in range(20):  # the ratio is within 1 % of one: each round gains two digits or more
+                better = np.asarray(hertz.overlap(part / self._series.ratio(delta / self.width, FORCE)))
+                settled = np.all(np.abs(better - delta) <= 4e-16 * better)
+                delta = better
+                if settled:
+                    break
+            return delta
+
         # W may be so small that the reduced load is above the floating range, where the series holds
         with np.errstate(over="ignore", under="ignore"):
             far = self._units.reduced_force(load) >= self._series.value(self._series.start, FORCE)
-            return self._evaluate_parts(load, far, self._find_far_overlap, near)
+            return self._evaluate_parts(load, far, beyond, near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls, divided by the mean force."""
@@ -233,13 +244,9 @@ class SpreadLaw(ABC):
         """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the force at high pressure."""
         return float(self.force(high_pressure_overlap(width)))
 
-    @property
-    def _hertz(self) -> HertzLaw:
-        return HertzLaw(self.coefficient)
-
     def _evaluate(self, overlap: ArrayLike, order: int, offset: float = 0.0) -> Any:
         delta = np.asarray(overlap, float)
-        hertz = self._hertz
+        hertz = HertzLaw(self.coefficient)
         exact = (hertz.energy, hertz.force, hertz.stiffness, hertz.stiffness_slope)[order]
 
         def far(part: Array) -> Array:
@@ -262,17 +269,6 @@ class SpreadLaw(ABC):
         out[far], out[~far] = one(values[far]), other(values[~far])
         return out
 
-    def _find_far_overlap(self, force: Array) -> Array:
-        hertz = self._hertz
-        delta = np.asarray(hertz.overlap(force))
-        for _ in range(20):  # the ratio is within 1 % of one: each round gains two digits or more
-            better = np.asarray(hertz.overlap(force / self._series.ratio(delta / self.width, FORCE)))
-            settled = np.all(np.abs(better - delta) <= 4e-16 * better)
-            delta = better
-            if settled:
-                break
-        return delta
-
     def _evaluate_joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
         """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
         parts = (partial(evaluate_in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
@@ -294,7 +290,7 @@ class _Curve(Protocol):
     def least_force(self) -> float: ...
 
     @property
-    def energy_offset(self) -> float: ...
+    def far(self) -> Series: ...
 
     def value(self, y: Array, order: int) -> Any: ...
 
@@ -317,9 +313,11 @@ class CurveLaw(SpreadLaw):
         """Return the force, N, from which the medium is valid, for the ``width`` W, m."""
         return self._valid_force * WidthUnits(self.coefficient, width).force
 
-    @property
+    @cached_property
     def _energy_offset(self) -> float:
-        return self.curve.energy_offset
+        # what the curve has more than the series, at the overlap where they meet
+        curve = self.curve
+        return float(curve.value(np.array(curve.far.start), ENERGY)) - curve.far.value(curve.far.start, ENERGY)
 
     def _refuse(self, what: str) -> PrecisionError:
         """Return the error that ``what`` is below the curve."""
@@ -394,10 +392,8 @@ class AveragedLaw(SpreadLaw):
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of pairs that overlap."""
-        return self._evaluate_joined(overlap, np.ones_like, self._count)
-
-    def _count(self, y: Array) -> Array:
-        return np.asarray(np.minimum(self.shape.average(y, 0.0), 1.0))  # weights sum to one but for rounding
+        # weights sum to one but for rounding
+        return self._evaluate_joined(overlap, np.ones_like, lambda y: np.minimum(self.shape.average(y, 0.0), 1.0))
 
 
 @lru_cache(maxsize=128)

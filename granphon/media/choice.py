@@ -1,7 +1,12 @@
-"""The media by name, with their options, and the automatic choice of a medium, for scenes, sweeps and fits."""
+"""The media by name, with their options, and the automatic choice of a medium, for scenes, sweeps and fits.
+
+The candidates among which an automatic medium takes the cheapest that is accurate enough are the media of the table of
+:mod:`granphon.media.accuracy`, the simulation with samples of many sizes. They are sorted by rough times.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -16,10 +21,12 @@ from granphon.balls.packing import Packing, given_packing
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
-from granphon.media.candidates import expected_error, list_candidates, require_known, require_within, rough_time
+from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.cluster import ClusterMedium
+from granphon.media.cost import estimate
+from granphon.media.equilibria import reduce_load
 from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
-from granphon.media.left_out import EXACT, LATTICE
+from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import MediumBase, Option
 from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
@@ -27,6 +34,15 @@ from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
+#: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
+SIDES = {
+    2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
+    3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
+}
+#: rough time of a simulation besides the time for its balls, s
+_SIMULATION_TIME = 0.04
+#: rough time for each ball of a simulation, s
+_BALL_TIME = 3e-6
 
 
 @dataclass(frozen=True)
@@ -109,18 +125,39 @@ class AutoMedium(MediumBase[ContactState]):
         options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
         # if no option serves every load, the largest simulation of the truth does: it is best wherever another would serve
-        return options[serves[0]] if serves.size else _list_options(self.packing, self.truth)[-1]
+        return options[serves[0]] if serves.size else list_options(self.packing, self.truth)[-1]
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
 
-        Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
+        Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance: it says
+        what can be had at the worst of the loads, whose index is its ``load_index``.
         """
-        require_known(self.packing, self.truth)
-        options = _sort_options(self.packing, load, self.truth)
-        errors = np.array([option.expected_error(self.packing, load, self.truth) for option in options])
-        require_within(self.tolerance, errors, self.packing, load, self.truth)
-        return options, errors
+        packing, truth = self.packing, self.truth
+        if (why := accuracy().explain_uncovered(packing, truth)) is not None:
+            raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
+        options = sort_options(packing, load, truth)
+        errors = np.array([option.expected_error(packing, load, truth) for option in options])
+        least = np.min(errors, axis=0)
+        if np.all(least <= self.tolerance):
+            return options, errors
+        worst, structure = int(np.argmax(least)), packing.structure
+        here = load[worst]
+        where = here.describe(structure.periods) + f" against {truth}" * truth.is_loaded
+        if np.isfinite(least[worst]):
+            what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
+            balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
+            why = f"The smallest expected error there is {least[worst]:.2g}, of a simulation of {balls:,} balls"
+            error = InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
+        else:
+            name = "a*" if here.kind == "overlap" else "f*"
+            at, lowest = float(reduce_load(packing, here)), accuracy().least(packing, here.kind, truth)
+            what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
+            error = InputError(
+                message(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")
+            )
+        error.load_index = worst
+        raise error
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
@@ -197,7 +234,16 @@ class MediumChoice:
     @property
     def label(self) -> str:
         """The name of the medium, with the options that are not at their default in brackets."""
-        options = ", ".join(f"{option}={_write_option(value)}" for option, value in self.options)
+
+        def write(value: Any) -> str:
+            """Write the value of an option as a scene would: numbers separated by spaces."""
+            if isinstance(value, Load):
+                return f"{value.kind} {value.values[0]:g}"
+            if isinstance(value, bool):
+                return str(value).lower()
+            return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+        options = ", ".join(f"{option}={write(value)}" for option, value in self.options)
         return f"{self.name}({options})" if options else self.name
 
     @property
@@ -213,9 +259,33 @@ class MediumChoice:
     def expected_error(self, packing: Packing, load: Load, against: FrictionHistory = REST) -> Array:
         """Return the expected relative error of velocities and frequencies, with the shape of the load.
 
-        It is +inf where the error is not known; see :func:`~granphon.media.candidates.expected_error`.
+        It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
+        every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays
+        that were loaded with friction is what these differ by, and the chance in its samples.
+
+        The arrays of the truth have true directions at the W/d of the packing. To the errors of the table, which were
+        measured at another W/d, is added the part of the transverse velocity by which the truth differs from that at this
+        one: half of that of the shear modulus. To the chance of a simulation is added what its own directions leave out.
         """
-        return expected_error(self.name, dict(self.options), packing, load, against)
+        if not packing.spread_matters:
+            return np.zeros(load.shape)
+        deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
+        known, own = accuracy(), self.history
+        options: Any = dict(self.options)
+        loaded_otherwise = own.is_loaded and (own != against or options.get("geometry", EXACT) != EXACT)
+        if self.name not in known.media() or options.get("local_field") == "paper" or loaded_otherwise:
+            return np.full(load.shape, np.inf)
+        ratio = known.ratio(packing, against)
+        elsewhere = 0.5 * np.abs(deficit - expect_shear_deficit(packing, load, against.is_loaded, ratio).reshape(load.shape))
+        if not self.simulates:
+            return known.error(self.name, packing, load, truth=against) + elsewhere
+        medium = DirectSimulation(packing, **options)
+        chance = known.error(self.name, packing, load, medium.balls * medium.samples, own)
+        if own == against:
+            return chance + 0.5 * find_left_out(deficit, medium.geometry)
+        rest = expect_shear_deficit(packing, load).reshape(load.shape)
+        apart = known.error(FRICTIONLESS, packing, load, truth=against) + elsewhere
+        return apart + chance + 0.5 * find_left_out(rest, medium.geometry)
 
     @property
     def simulates(self) -> bool:
@@ -344,14 +414,46 @@ class ServingMedium:
         return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
 
-def _list_options(packing: Packing, against: FrictionHistory) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`; the last is the most accurate wherever several have a known error."""
-    return [MediumChoice(name, tuple(options.items())) for name, options in list_candidates(packing, against)]
+def list_options(packing: Packing, against: FrictionHistory = REST) -> list[MediumChoice]:
+    """Return the options of an :class:`AutoMedium`; the last is the largest simulation of the truth.
+
+    It is the most accurate one wherever several have a known error.
+    """
+    if not packing.spread_matters:
+        return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
+    structure = packing.structure
+    shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
+    # samples at rest without friction cost less than those of a truth with it, and may differ from these by little
+    truths = dict.fromkeys((REST, against))
+    options = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
+    for truth in truths:
+        own = tuple(truth.options.items())
+        options += [MediumChoice(DirectSimulation.name, (("shape", shape), *own)) for shape in shapes]
+    return options
 
 
-def _sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) -> list[MediumChoice]:
+def sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
-    return sorted(_list_options(packing, against), key=lambda one: rough_time(one.of(packing), load))
+
+    def rough_time(option: MediumChoice) -> float:
+        """Return the rough time at all values of the load, s; zero of media that only evaluate a law.
+
+        That of a simulation is the time at one of the loads: at the least, whose equilibrium takes longest; with a history
+        of friction at the greatest, on the way to which it passes the others.
+        """
+        medium = option.of(packing)
+        if isinstance(medium, DirectSimulation):
+            decisive = np.argmax if medium.friction_history else np.argmin
+            return _SIMULATION_TIME + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
+        return medium.seconds if isinstance(medium, EffectiveMedium) else 0.0
+
+    return sorted(list_options(packing, against), key=rough_time)
+
+
+def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
+    """Return the numbers of cells along each period of a sample whose sides are about ``side`` diameters."""
+    lengths = np.linalg.norm(structure.vectors, axis=1)
+    return tuple(max(round(side / length), 1) for length in lengths.tolist())
 
 
 def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
@@ -398,12 +500,3 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
     found = block(given, rules)
     FrictionHistory.read(found)
     return found
-
-
-def _write_option(value: Any) -> str:
-    """Write the value of an option as a scene would: numbers separated by spaces."""
-    if isinstance(value, Load):
-        return f"{value.kind} {value.values[0]:g}"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import math
 import os
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from time import process_time
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
@@ -32,9 +33,9 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.left_out import estimate_reduced_force, estimate_spacing, find_spacing
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
-from granphon.media.typical_arrays import estimate_reduced_force, estimate_spacing, find_spacing
 
 Array = NDArray[np.float64]
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days
@@ -106,8 +107,7 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
-_SMALL_SPACING = 1.0
-_SMALL_FORCE = 0.3678
+_SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: memory of a cluster medium, bytes
 _CLUSTER_BYTES = 2e8
 #: time of a cluster medium, s, and what each of its balls adds, s
@@ -190,12 +190,9 @@ class Cost:
         many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
         simulated = (f"simulation of {self.balls:,} balls{many}",) if self.equilibria else ()
         what = "; ".join(simulated + self.parts)
+        size = f"{_write_digits(self.memory / 1e9)} GB" if self.memory >= 1e9 else f"{self.memory / 1e6:.0f} MB"
         time = f"{'at least ' * (self.bounds and self.seconds >= _LEAST_SECONDS)}{write_duration(self.seconds)}"
-        return f"{what}: about {_write_bytes(self.memory)} and {time}"
-
-
-def _write_bytes(memory: float) -> str:
-    return f"{_write_digits(memory / 1e9)} GB" if memory >= 1e9 else f"{memory / 1e6:.0f} MB"
+        return f"{what}: about {size} and {time}"
 
 
 def write_duration(seconds: float) -> str:
@@ -216,28 +213,6 @@ def _write_digits(value: float) -> str:
 # -- what the machine has -------------------------------------------------------------------------------------------
 
 
-def available_memory(root: Path = Path("/")) -> float:
-    """Return the memory that this process may still take, bytes; infinite if the system does not report it.
-
-    On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
-    process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
-    ``root`` is the folder of the system's files.
-    """
-    return min(_read_free_memory(root), _read_group_limits(root))
-
-
-def _read_free_memory(root: Path) -> float:
-    for line in _read_lines(root / "proc/meminfo"):
-        words = line.split()
-        if words[:1] == ["MemAvailable:"] and words[1:2] and words[1].isdigit():
-            return float(words[1]) * 1024.0
-    known = getattr(os, "sysconf_names", ())
-    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in known), None)
-    if pages is None or "SC_PAGE_SIZE" not in known:
-        return math.inf
-    return float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
-
-
 #: for both versions of control groups, by the name of the controller: the folder, the files of the limit and of the use, and
 #: the entry of memory.stat with the cache that can be given back
 _GROUPS = {
@@ -246,11 +221,34 @@ _GROUPS = {
 }
 
 
-def _read_group_limits(root: Path) -> float:
-    """Return the least memory that the limits of the process's control groups leave, bytes; infinite without a limit."""
+def available_memory(root: Path = Path("/")) -> float:
+    """Return the memory that this process may still take, bytes; infinite if the system does not report it.
+
+    On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
+    process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
+    ``root`` is the folder of the system's files.
+    """
+
+    def read(path: Path) -> list[list[str]]:
+        """Read the words of each line."""
+        with suppress(OSError):
+            return [line.split() for line in path.read_text(encoding="ascii", errors="replace").split("\n")]
+        return []
+
+    def read_number(path: Path, name: str = "") -> float | None:
+        """Read the number after a name, or alone in a file; None if there is none ("max")."""
+        found = next((words[-1 - (len(words) > 2)] for words in read(path) if words and name in ("", words[0])), "")
+        return float(found) if found.isdigit() else None
+
+    free, known = read_number(root / "proc/meminfo", "MemAvailable:"), getattr(os, "sysconf_names", ())
+    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in known), None)
     left = math.inf
-    for line in _read_lines(root / "proc/self/cgroup"):
-        _, _, rest = line.partition(":")
+    if free is not None:
+        left = free * 1024.0
+    elif pages is not None and "SC_PAGE_SIZE" in known:
+        left = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
+    for words in read(root / "proc/self/cgroup"):
+        _, _, rest = " ".join(words).partition(":")
         controllers, _, path = rest.partition(":")
         kind = "memory" if "memory" in controllers.split(",") else controllers
         if kind not in _GROUPS:
@@ -259,23 +257,10 @@ def _read_group_limits(root: Path) -> float:
         group = Path(path.lstrip("/"))
         for folder in (group, *group.parents):  # limits of groups above count too; in a container some may be missing
             here = root / place / folder
-            most, taken = (_read_number(_read_lines(here / name)) for name in (limit, use))
+            most, taken = read_number(here / limit), read_number(here / use)
             if most is not None and taken is not None:
-                words = dict(line.split()[:2] for line in _read_lines(here / "memory.stat") if len(line.split()) >= 2)
-                left = min(left, max(most - taken + (_read_number([words.get(cache, "")]) or 0.0), 0.0))
+                left = min(left, max(most - taken + (read_number(here / "memory.stat", cache) or 0.0), 0.0))
     return left
-
-
-def _read_number(lines: list[str]) -> float | None:
-    """Read the number in the first line; None if it is not a number ("max")."""
-    return float(lines[0]) if lines and lines[0].isdigit() else None
-
-
-def _read_lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="ascii", errors="replace").split("\n")
-    except OSError:
-        return []
 
 
 # -- simulations ----------------------------------------------------------------------------------------------------
@@ -304,43 +289,36 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     force = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
     if periods > 1 and np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[periods - 1]:
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
-    exponents = exponents and packing.spread_matters
+    exponents, mu = exponents and packing.spread_matters, history.friction_coefficient or 0.0
     state = _STATE_TIME[periods][turning] * (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
     if history.is_loaded:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
-        work = _count_iterations(simulation, load, exponents) * _ITERATION_TIME[periods]
+        path, start = estimate_spacing(packing, load.applied), history.reduce_start(packing, simulation.is_exact)
+        path = path if history.ordered else np.sort(path)
+        begin = START_SPACING  # also for the gas, whose own is not known
+        if isinstance(start, ReducedLoad):
+            known = find_spacing(packing, np.array([start.force]))[0] if start.overlap is None else start.overlap + 0.5
+            begin = float(known)
+        ways = np.minimum(np.abs(np.diff(path, prepend=begin)), _MOST_WAY)
+        steps_of = np.maximum(_STEPS * ways * math.sqrt(1e-4 / history.step_tolerance), _LEAST_STEPS)
+        steps = float(np.sum(steps_of, where=ways > 1e-9))  # a load at which the array stands already takes none
+        steps += _BESIDE_STEPS * len(path) * exponents + _GAS_STEPS * history.from_gas
+        held = max(mu, _LEAST_FRICTION)
+        sliding = _SLIDING * (balls / 1024.0) ** 0.35 / held / math.sqrt(held) if 0.0 < mu < math.inf else 0.0
+        work = steps * _ITERATIONS * balls**0.2 * (1.0 + sliding) * _ITERATION_TIME[periods]
         work *= (1.0 + _FEW_LOADED_BALLS / balls) * (_EXACT_ITERATION_TIME if simulation.is_exact else 1.0)
         work += _RESPONSE_PART * state * load.size * (1 + 2 * exponents)
     else:
         # on a line no contact opens, and no load is near a threshold
-        each = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE)) / _estimate_effort(_SMALL_FORCE)
+        near = force if periods > 1 else np.full_like(force, _SMALL_FORCE)
+        each, small = (0.45 + np.minimum(0.28 * f**-0.8, f**-0.42) for f in (near, _SMALL_FORCE))
+        each = each / small
         if simulation.is_exact:
             each = _EXACT_TIME * np.sqrt(np.maximum(_LOOSE_FORCE / force, 1.0)) * each
         work = float(np.sum(each)) * state * (_EXPONENT_TIME if exponents else 1.0)
     work *= (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1)) * balls * simulation.samples
-    mu = history.friction_coefficient or 0.0
     bounds = history.from_gas or 0.0 < mu < _LEAST_FRICTION or history.step_tolerance < _LEAST_TOLERANCE
     return Cost(memory, work=work, balls=balls, equilibria=count * (1 + 2 * exponents), bounds=bounds)
-
-
-def _count_iterations(simulation: DirectSimulation, load: Load, exponents: bool = False) -> float:
-    """Return about how many iterations of GMRES it takes to load a sample with friction, at all values of a load."""
-    packing, history, balls = simulation.packing, simulation.history, simulation.balls
-    path, start = estimate_spacing(packing, load.applied), history.reduce_start(packing, simulation.is_exact)
-    path = path if history.ordered else np.sort(path)
-    begin = START_SPACING  # also for the gas, whose own is not known
-    if isinstance(start, ReducedLoad):
-        known = find_spacing(packing, np.array([start.force]))[0] if start.overlap is None else start.overlap + 0.5
-        begin = float(known)
-    ways = np.minimum(np.abs(np.diff(path, prepend=begin)), _MOST_WAY)
-    each = np.maximum(_STEPS * ways * math.sqrt(1e-4 / history.step_tolerance), _LEAST_STEPS)
-    steps = float(np.sum(each, where=ways > 1e-9))  # a load at which the array stands already takes none
-    steps += _BESIDE_STEPS * len(path) * exponents + _GAS_STEPS * history.from_gas
-    sliding, mu = 0.0, history.friction_coefficient or 0.0
-    if 0.0 < mu < math.inf:
-        held = max(mu, _LEAST_FRICTION)
-        sliding = _SLIDING * (balls / 1024.0) ** 0.35 / held / math.sqrt(held)
-    return float(steps * _ITERATIONS * balls**0.2 * (1.0 + sliding))
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:
@@ -349,12 +327,6 @@ def find_typical_force(packing: Packing, load: Load) -> Array:
         reduced = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
         return np.asarray(reduced * packing.width_units.force)
     return np.ravel(AveragedLattice(packing).at(load.applied).force)
-
-
-def _estimate_effort(force: ArrayLike) -> Array:
-    """Return the time of an equilibrium per ball, in arbitrary units, at a reduced force."""
-    force = np.asarray(force, float)
-    return np.asarray(0.45 + np.minimum(0.28 * force**-0.8, force**-0.42))
 
 
 @cache

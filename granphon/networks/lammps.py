@@ -66,9 +66,25 @@ def read_dumps(
         raise InputError(message(what, "Balls and contacts must be of one step", "Give the step that both have"))
     if not np.allclose(atoms.cell, touching.cell, rtol=1e-5) or np.any(atoms.pbc != touching.pbc):
         raise InputError(message(f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"))
-    length, mass, force = _find_scales(units, atoms, touching)
+    # length, mass and force that are one in the files
+    told = {frame.units for frame in (atoms, touching) if frame.units}
+    if len(told) > 1:
+        raise InputError(message(f"{atoms.name} is in units {atoms.units}, and {touching.name} in others"))
+    if isinstance(units, Units):
+        style, (length, mass, force) = "lj", (units.length, units.mass, units.force)
+    else:
+        style = require("units", lambda value: choice(value, [*_STYLES]), units or next(iter(told), "si"))
+        length, mass, force = _STYLES[style]
+    if told and told != {style}:
+        raise InputError(message(f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given"))
     if columns is not None:
-        touching.names = _read_names(touching, columns)
+        listed = columns.split() if isinstance(columns, str) else columns
+        touching_names = tuple(listed) if isinstance(listed, Sequence) else ()
+        if not all(isinstance(name, str) for name in touching_names) or len(touching_names) != len(touching.names):
+            there = f"{touching.name} has {len(touching.names)}: {', '.join(touching.names)}"
+            mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
+            raise InputError(message(f"columns are {brief(columns)}, and {there}", mend=mend))
+        touching.names = touching_names
     if missing := [name for name in ("i", "j") if name not in touching.names]:
         what = f"{pairs} has no column {' and no column '.join(missing)}"
         raise InputError(message(what, f"Its columns are {', '.join(touching.names)}", _NAME_PAIRS))
@@ -91,31 +107,6 @@ def read_dumps(
     return Source(_read_balls(atoms, length, mass), contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
-def _find_scales(units: str | Units | None, *frames: _Frame) -> tuple[float, float, float]:
-    """Return the length, mass and force that are one in the files; raises :class:`InputError` if these say otherwise."""
-    told = {frame.units for frame in frames if frame.units}
-    if len(told) > 1:
-        raise InputError(message(f"{frames[0].name} is in units {frames[0].units}, and {frames[1].name} in others"))
-    if isinstance(units, Units):
-        style, scales = "lj", (units.length, units.mass, units.force)
-    else:
-        style = require("units", lambda value: choice(value, [*_STYLES]), units or (told.pop() if told else "si"))
-        told = {frame.units for frame in frames if frame.units}
-        scales = _STYLES[style]
-    if told and told != {style}:
-        raise InputError(message(f"{frames[0].name} says that its units are {told.pop()}, and units={style!r} is given"))
-    return scales
-
-
-def _read_names(frame: _Frame, columns: Sequence[str]) -> tuple[str, ...]:
-    listed = columns.split() if isinstance(columns, str) else columns
-    given = tuple(listed) if isinstance(listed, Sequence) else ()
-    if not all(isinstance(name, str) for name in given) or len(given) != len(frame.names):
-        what = f"columns are {brief(columns)}, and {frame.name} has {len(frame.names)}: {', '.join(frame.names)}"
-        raise InputError(message(what, mend=f"Give a name for each; those that count are {', '.join(_NAMES)}"))
-    return given
-
-
 def _read_ids(frame: _Frame, column: str) -> NDArray[np.intp]:
     try:
         return read_whole_numbers(column, frame.read(column))
@@ -125,6 +116,7 @@ def _read_ids(frame: _Frame, column: str) -> NDArray[np.intp]:
 
 def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
     """The balls of a dump of atoms, in SI."""
+    listed = f"Its columns are {', '.join(frame.names)}"
     for ends, scaled in (("", False), ("u", False), ("s", True), ("su", True)):
         names = [f"{axis}{ends}" for axis in "xyz"]
         if set(names) <= set(frame.names):
@@ -133,20 +125,16 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
             places = places @ frame.cell if scaled else places - frame.origin
             break
     else:
-        raise InputError(message(f"{frame.name} has no columns x, y and z", _say_columns(frame), _WRITE_ATOMS))
+        raise InputError(message(f"{frame.name} has no columns x, y and z", listed, _WRITE_ATOMS))
     for name, other in (("id", "id"), ("radius", "diameter")):
         if name not in frame.names and other not in frame.names:
-            raise InputError(message(f"{frame.name} has no column {name}", _say_columns(frame), _WRITE_ATOMS))
+            raise InputError(message(f"{frame.name} has no column {name}", listed, _WRITE_ATOMS))
     radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
     masses = mass * frame.read("mass") if "mass" in frame.names else None
     return Balls(
         frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"),
         rounding=length * (rounding + find_rounding(radii)),
     )  # fmt: skip
-
-
-def _say_columns(frame: _Frame) -> str:
-    return f"Its columns are {', '.join(frame.names)}"
 
 
 # -- the format -----------------------------------------------------------------------------------------------------
@@ -158,13 +146,9 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
     frames = [frame for frame in every if step is None or frame.step == step]
     if not frames:
         steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)})
-        shown = (
-            "none"
-            if not steps
-            else f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
-            if len(steps) > 1
-            else f"{steps[0]} alone"
-        )
+        shown = f"{steps[0]} alone" if len(steps) == 1 else "none"
+        if len(steps) > 1:
+            shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
         raise InputError(message(f"{path} has no time step {brief(step)}", f"It has {shown}"))
     return frames[-1]
 

@@ -24,7 +24,6 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.validation import lengths, require, truth
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
-from granphon.networks.pieces import find_pieces, find_rattlers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -45,6 +44,10 @@ _STRAY = 0.25
 _FLAT = 1e-9
 #: greatest part of a tangential force along the normal: the rounding in a file
 _ALONG = 1e-2
+#: force, over the mean of all contacts that are pressed, up to which a contact carries no load
+LEAST_LOAD = 1e-6
+#: sum of the forces on a ball, over the sum of their sizes, up to which they are in balance
+_BALANCED = 1e-3
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -127,7 +130,12 @@ class ContactNetwork(Result):
     tangential_force: Array | None = None
 
     def __post_init__(self) -> None:
-        given: dict[str, Any] = {"pbc": _read_periodic(self.pbc), "prestress": require("prestress", truth, self.prestress)}
+        plain: Any = self.pbc.tolist() if isinstance(self.pbc, np.ndarray) else self.pbc
+        if not isinstance(plain, Sequence) or isinstance(plain, str) or len(plain) != 3:
+            what = f"pbc of the network is {brief(self.pbc)}"
+            raise InputError(message(what, mend="Give three truth values, one for each vector of the cell"))
+        given: dict[str, Any] = {"pbc": tuple(require("pbc", truth, value) for value in plain)}
+        given["prestress"] = require("prestress", truth, self.prestress)
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         if self.shape is not None:
@@ -152,8 +160,40 @@ class ContactNetwork(Result):
             raise InputError(message(what, mend="Use " + ", ".join(motions)))
         if not self.n_balls:
             raise InputError(message("the network has no ball"))
-        for check in (_check_cell, _check_entries, _check_once, _check_order):
-            check(self)
+        # periodic vectors of the cell are finite, lie in the line or plane of the balls, and are independent
+        for axis in np.flatnonzero(self.pbc):
+            vector = self.cell[axis]
+            if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
+                raise InputError(message(f"vector {axis} of the cell is {vector.tolist()} m, and periodic"))
+            if axis >= self.dimension or np.any(vector[self.dimension :]):
+                where = "the line" if self.dimension == 1 else "the plane"
+                what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
+                raise InputError(message(f"{what} {self.dimension} dimensions, and is periodic"))
+        if np.count_nonzero(self.pbc) > 1:
+            periods = self.cell[list(self.pbc)]
+            size = np.linalg.norm(periods, axis=1, keepdims=True)
+            if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
+                raise InputError(message("the periodic vectors of the cell are not independent of each other"))
+        # every ball and contact: the message names the first that is wrong, and how many are
+        for name, fine, wrong, mend in _list_demands(self):
+            if not np.all(fine):
+                bad = np.flatnonzero(~np.asarray(fine))
+                what = "ball" if self._shapes[name].startswith("n") else "contact"
+                found = f"{name} = {np.array2string(np.asarray(getattr(self, name))[bad[0]])}"
+                if what == "contact" and name not in ("i", "j"):
+                    found += f", between balls {self.i[bad[0]]} and {self.j[bad[0]]}"
+                more = f" ({bad.size} in all)" if bad.size > 1 else ""
+                raise InputError(message(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend))
+        if self.n_contacts:
+            _check_once(self)
+        # names are unique, and an array has the balls of all of its cells
+        if self.labels is not None and np.unique(self.labels).size != self.n_balls:
+            raise InputError(message("two balls of the network have the same label"))
+        if self.lattice is not None and self.shape is not None:
+            balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
+            if len(self.shape) != self.lattice.periods or balls != self.n_balls:
+                what = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
+                raise InputError(message(f"{what}, and the network has {self.n_balls}"))
 
     # -- what it is -------------------------------------------------------------------------------------------------
 
@@ -204,15 +244,50 @@ class ContactNetwork(Result):
 
     @cached_property
     def rattlers(self) -> Index:
-        """Indices of the balls that carry no load, see :func:`~granphon.networks.pieces.find_rattlers`."""
+        """Indices of the balls that carry no load: fewer contacts than can hold them, then those that these leave so.
+
+        A contact counts if its force is above 1e-6 of the mean of all; if no contact of the network has a force, all
+        contacts count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
+        """
         return read_only(self._find_rattlers())
 
     def _find_rattlers(self, held_by: int | None = None) -> Index:
         slips = not np.any(self.shear_stiffness)
         least = (self.dimension + 1 if slips else 2) if held_by is None else held_by
-        return find_rattlers(
-            self.i, self.j, self.moving, self.normal_force, self.normal, least, in_rows=slips and held_by is None
-        )
+        weight = self.normal_force if np.any(self.normal_force > 0.0) else np.ones(self.n_contacts)
+        live = weight > LEAST_LOAD * np.mean(weight, where=weight > 0.0) if len(weight) else np.zeros(0, bool)
+        i, j, n, weight = self.i[live], self.j[live], self.n_balls, weight[live]
+        push = weight[:, None] * self.normal[live]
+        count = np.bincount(i, minlength=n) + np.bincount(j, minlength=n)
+        total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
+        pull = np.stack([np.bincount(j, one, n) - np.bincount(i, one, n) for one in push.T], axis=1)
+
+        def is_held(balls: Index) -> NDArray[np.bool_]:
+            # two contacts or more whose forces are in balance, as along a straight row, hold a ball where contacts slip
+            balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
+            in_row = (slips and held_by is None) & (count[balls] >= 2) & balanced
+            return np.asarray((count[balls] >= least) | in_row | ~self.moving[balls])
+
+        # contacts of each ball, one list after the other
+        ends = np.concatenate([i, j])
+        order = np.argsort(ends, kind="stable")
+        first = np.searchsorted(ends[order], np.arange(n + 1))
+        loose = ~is_held(np.arange(n))
+        left, open_contacts = np.flatnonzero(loose).tolist(), np.ones(len(i), bool)
+        while left:
+            ball = left.pop()
+            contacts = order[first[ball] : first[ball + 1]] % len(i)
+            for contact in contacts[open_contacts[contacts]].tolist():
+                open_contacts[contact] = False
+                from_i = i[contact] == ball
+                other = int(j[contact] if from_i else i[contact])
+                count[other] -= 1
+                total[other] -= weight[contact]
+                pull[other] -= push[contact] if from_i else -push[contact]
+                if not loose[other] and not is_held(np.array([other]))[0]:
+                    loose[other] = True
+                    left.append(other)
+        return np.flatnonzero(loose)
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these are.
@@ -264,8 +339,15 @@ class ContactNetwork(Result):
 
         A wall joins no pieces, as it does not move, and is in each of those that it touches.
         """
-        found = find_pieces(self.i, self.j, self.moving)
-        return (self,) if len(found) == 1 else tuple(self.select(balls) for balls in found)
+        piece, moving = number_pieces(self.i, self.j, self.moving), self.moving
+        members = np.flatnonzero(moving)
+        order = members[np.argsort(piece[members], kind="stable")]
+        sets = np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if order.size else []
+        walls = ~(moving[self.i] & moving[self.j])
+        ball, wall = np.where(moving[self.i], self.i, self.j)[walls], np.where(moving[self.i], self.j, self.i)[walls]
+        if ball.size:
+            sets = [np.unique(np.append(balls, wall[piece[ball] == piece[balls[0]]])) for balls in sets]
+        return (self,) if len(sets) == 1 else tuple(self.select(balls) for balls in sorted(sets, key=len, reverse=True))
 
     # -- where it comes from ----------------------------------------------------------------------------------------
 
@@ -429,33 +511,6 @@ class ContactNetwork(Result):
 # -- what it must be ---------------------------------------------------------------------------------------------------
 
 
-def _read_periodic(values: Any) -> tuple[bool, bool, bool]:
-    """Return three truth values, for the three vectors of the cell; :class:`InputError` for something else."""
-    plain = values.tolist() if isinstance(values, np.ndarray) else values
-    if not isinstance(plain, Sequence) or isinstance(plain, str) or len(plain) != 3:
-        what = f"pbc of the network is {brief(values)}"
-        raise InputError(message(what, mend="Give three truth values, one for each vector of the cell"))
-    one, two, three = (require("pbc", truth, value) for value in plain)
-    return one, two, three
-
-
-def _check_cell(network: ContactNetwork) -> None:
-    """Check that periodic vectors of the cell are finite, lie in the line or plane of the balls, and are independent."""
-    for axis in np.flatnonzero(network.pbc):
-        vector = network.cell[axis]
-        if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
-            raise InputError(message(f"vector {axis} of the cell is {vector.tolist()} m, and periodic"))
-        if axis >= network.dimension or np.any(vector[network.dimension :]):
-            where = "the line" if network.dimension == 1 else "the plane"
-            what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
-            raise InputError(message(f"{what} {network.dimension} dimensions, and is periodic"))
-    if np.count_nonzero(network.pbc) > 1:
-        periods = network.cell[list(network.pbc)]
-        size = np.linalg.norm(periods, axis=1, keepdims=True)
-        if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
-            raise InputError(message("the periodic vectors of the cell are not independent of each other"))
-
-
 def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
     """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it.
 
@@ -515,23 +570,8 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
 
 
-def _check_entries(network: ContactNetwork) -> None:
-    """Check every ball and contact; the message names the first that is wrong, and how many are."""
-    for name, fine, wrong, mend in _list_demands(network):
-        if not np.all(fine):
-            bad = np.flatnonzero(~np.asarray(fine))
-            what = "ball" if network._shapes[name].startswith("n") else "contact"
-            found = f"{name} = {np.array2string(np.asarray(getattr(network, name))[bad[0]])}"
-            if what == "contact" and name not in ("i", "j"):
-                found += f", between balls {network.i[bad[0]]} and {network.j[bad[0]]}"
-            more = f" ({bad.size} in all)" if bad.size > 1 else ""
-            raise InputError(message(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend))
-
-
 def _check_once(network: ContactNetwork) -> None:
     """Check that no contact is listed twice, from one end or from both; a wall may touch a ball at several places."""
-    if not network.n_contacts:
-        return
     i, j, shift = network.i, network.j, network.shift
     leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
     turned = (i > j) | ((i == j) & (leading < 0))
@@ -554,13 +594,11 @@ def _check_once(network: ContactNetwork) -> None:
         raise InputError(message(what, "Every contact counts once", "List each contact from one of its ends only"))
 
 
-def _check_order(network: ContactNetwork) -> None:
-    """Check that names are unique, and that an array has the balls of all of its cells."""
-    if network.labels is not None and np.unique(network.labels).size != network.n_balls:
-        raise InputError(message("two balls of the network have the same label"))
-    if network.lattice is None or network.shape is None:
-        return
-    balls = network.lattice.n_balls * int(np.prod(network.shape, dtype=float))
-    if len(network.shape) != network.lattice.periods or balls != network.n_balls:
-        what = f"{network.shape} cells of the {network.lattice.name} lattice have {balls} balls"
-        raise InputError(message(f"{what}, and the network has {network.n_balls}"))
+def number_pieces(i: Index, j: Index, moving: NDArray[np.bool_]) -> Index:
+    """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall joins none."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    both, n = moving[i] & moving[j], len(moving)
+    graph = coo_array((np.ones(np.count_nonzero(both)), (i[both], j[both])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)

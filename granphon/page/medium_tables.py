@@ -25,8 +25,7 @@ from granphon.base.scales import WidthUnits
 from granphon.dynamics.local_field import local_field, paper_local_field
 from granphon.laws.cluster import VALID_FORCE as VALID_CLUSTER_FORCE
 from granphon.laws.cluster import ClusterLaw
-from granphon.laws.effective import EffectiveLaw
-from granphon.laws.effective_curve import VALID_FORCE
+from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.choice import MediumChoice
 from granphon.media.cluster import ClusterMedium

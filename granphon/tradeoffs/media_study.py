@@ -17,7 +17,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.media.candidates import even_shape
+from granphon.media.choice import even_shape
 from granphon.media.cost import estimate, write_duration
 from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.left_out import LATTICE

@@ -19,8 +19,7 @@ from granphon.base.arguments import finite_array, not_negative, positive, real_a
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.networks.network import ContactNetwork
-from granphon.networks.pieces import number_pieces
+from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.planes import ENDS, Course

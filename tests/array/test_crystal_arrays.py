@@ -16,7 +16,7 @@ from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import InputError
 from granphon.dynamics.tensors import bulk_and_shear, point_group, symmetrise
 
 ETA = 0.84
@@ -313,31 +313,9 @@ def packing(lattice, friction=True, **more):
     return gp.Packing(STEEL, D, spread=gp.Uniform(WIDTH), lattice=lattice, friction=friction, **more)
 
 
-@pytest.mark.parametrize("name", ["sc", "bcc", "diamond", "square", "kagome", "honeycomb"])
-def test_lattices_that_do_not_stand_without_friction_are_refused(name):
-    with pytest.raises(MechanismError, match="does not stand without friction"):
-        gp.DirectSimulation(packing(name))
-
-
-@pytest.mark.parametrize(
-    ("lattice", "given", "words"),
-    [
-        ("fcc", {"shape": (4, 4)}, "Give three whole numbers"),
-        ("chain", {"shape": (4, 4)}, "Give one whole number"),
-        ("triangular", {"shape": (4, 4, 4)}, "Give two whole numbers"),
-        ("hcp", {"shape": (4, 4, 0)}, "shape"),
-        ("hcp", {"diameters": np.full((3, 3, 3), D)}, r"Give an array \(L1, L2, L3, 2\)"),
-    ],
-)
-def test_shapes_are_those_of_the_lattice(lattice, given, words):
-    with pytest.raises(InputError, match=words):
-        gp.DirectSimulation(packing(lattice), **given)
-
-
-@pytest.mark.parametrize("more", [{"motions": "all"}, {"motions": "out_of_plane"}])
-def test_motions_across_a_plane_are_refused(more):
-    with pytest.raises(InputError, match="are not simulated"):
-        gp.DirectSimulation(packing("triangular", **more))
+def test_diameters_are_given_for_each_ball_of_each_cell():
+    with pytest.raises(InputError, match=r"Give an array \(L1, L2, L3, 2\)"):
+        gp.DirectSimulation(packing("hcp"), diameters=np.full((3, 3, 3), D))
 
 
 @pytest.mark.parametrize("friction", [True, False])

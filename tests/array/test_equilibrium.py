@@ -25,6 +25,7 @@ from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
 from granphon.balls.distributions import UniformShape
+from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
@@ -36,9 +37,9 @@ every_spacing = pytest.mark.parametrize("spacing", SPACINGS)
 
 
 @functools.cache
-def balls(shape, seed=0):
+def balls(shape, seed=0, lattice=TRIANGULAR):
     """x of uniformly spread balls, of mean zero."""
-    x = gp.Uniform(1.0).sample(shape, seed)
+    x = gp.Uniform(1.0).sample(Stencils(shape, lattice=lattice).ball_shape, seed)
     x = x - np.mean(x)
     x.setflags(write=False)
     return x
@@ -382,6 +383,7 @@ def test_threads_of_the_fourier_transform_change_no_digit():
     one, two = (equilibrate(x, load, Stencils(x.shape, workers=workers)) for workers in (1, 2))
     np.testing.assert_array_equal(one.balls, two.balls)
     assert one.stiffness == two.stiffness
+    np.testing.assert_array_equal(one.find_elasticity(0.84), two.find_elasticity(0.84))
 
 
 # -- statistics ---------------------------------------------------------------------------------------------------------
@@ -401,10 +403,7 @@ def test_scatter_of_the_force_falls_as_the_root_of_the_number_of_balls():
 
 @pytest.mark.exhaustive
 @pytest.mark.claim("threshold-contacts")
-@pytest.mark.parametrize(
-    ("n", "most"),
-    [(4, (3e-3, 0.07)), pytest.param(8, (2e-3, 0.05), marks=pytest.mark.exhaustive)],
-)
+@pytest.mark.parametrize(("n", "most"), [(4, (3e-3, 0.07)), (8, (2e-3, 0.05))])
 def test_threshold_of_rigidity(n, most):
     # Roux, as the paper cites: at a* = 0.343, with about 2.5 contacts per ball (here at f* = 1e-4). Near it overlaps go as
     # f^(2/3), as in a network that stays the same; that it does not is in the next power. 24 samples of 64 x 64 down to

@@ -25,12 +25,13 @@ from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.tensors import bulk_and_shear
 from granphon.media.equilibria import find_equilibria, find_equilibrium
 from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.simulation import SampleLaw, SimulatedState
 from granphon.observables.catalogue import CATALOGUE
-from tests.array.test_friction_history import Dense
-from tests.array.test_stencils import Explicit, cartesian
+from tests.array.test_equilibrium import balls
+from tests.array.test_friction_history import Dense, history, ramp
 
 ETA = 0.82
 LATTICES = pytest.mark.parametrize(
@@ -38,18 +39,8 @@ LATTICES = pytest.mark.parametrize(
     [(TRIANGULAR, (4, 5)), (FCC, (3, 3, 3)), (HCP, (3, 3, 2))],
     ids=lambda one: getattr(one, "name", ""),
 )
-AREA = math.sqrt(3.0) / 2.0
 #: W/d of the paper's balls
 STEEL_WIDTH = 2.04e-6 / 8e-3
-STRAINS = [np.array(s) for s in ([[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]])]
-
-
-@functools.cache
-def balls(shape, seed=0, lattice=TRIANGULAR):
-    x = gp.Uniform(1.0).sample(Stencils(shape, lattice=lattice).ball_shape, seed)
-    x = x - np.mean(x)
-    x.setflags(write=False)
-    return x
 
 
 @functools.cache
@@ -58,66 +49,110 @@ def at_rest(shape, seed, overlap, ratio):
 
 
 class Positions:
-    """A periodic triangular array in Cartesian coordinates, for complex steps; owes nothing to the package.
+    """Contacts of an array in Cartesian coordinates: forces and torques by vectors in space, one by one.
 
-    Balls have positions F ((1 - eps y) X + eps u), in d; F is the deformation of the cell.
+    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the motion ``still``, (n, 6),
+    and springs resist further slip.
     """
 
-    def __init__(self, x, ratio, overlap):
+    def __init__(self, stencils, x, ratio, overlap, still=None, springs=np.zeros(1), shears=np.zeros((1, 1))):  # noqa: B008
         self.ratio, self.overlap, self.x = ratio, overlap, x.ravel()
-        explicit = Explicit(x.shape, ETA)
-        self.i, self.j = (np.array([ends[side] for ends in explicit.ends]) for side in (0, 1))
-        self.e = np.array([ends[2] for ends in explicit.ends])
+        self.still = np.zeros((x.size, 6)) if still is None else still
+        self.springs, self.shears = springs.ravel(), shears.reshape(len(shears), -1)
+        self.periods, self.volume = x.ndim, stencils.lattice.measure * x.size
+        cells = np.arange(x.size).reshape(x.shape)
+        self.i = np.tile(cells.ravel(), stencils.n_contacts)
+        self.j = np.concatenate([np.roll(cells, [-n for n in shift], range(x.ndim)).ravel() for shift in stencils.shifts])
+        frames = np.array(contact_frames(stencils.lattice.contacts.normal))
+        self.e, self.t, self.b = (np.repeat(axis.T, x.size, axis=0) for axis in frames)
 
-    def vectors(self, u, f=((1.0, 0.0), (0.0, 1.0))):
-        moved = (1.0 - self.ratio * self.overlap) * self.e + self.ratio * (u[self.j] - u[self.i])
+    def vectors(self, motion, f):
+        moved = (1.0 - self.ratio * self.overlap) * self.e + self.ratio * (motion[self.j, :3] - motion[self.i, :3])
         return moved @ np.array(f).T
 
-    def contacts(self, u, f=((1.0, 0.0), (0.0, 1.0))):
-        """Overlaps, directions and arms of contacts."""
-        w = self.vectors(u, f)
-        size = np.sqrt(np.sum(w * w, axis=1))
+    def contacts(self, motion, f):
+        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and about it
+        with the balls."""
+        w = self.vectors(motion, f)
+        size = np.linalg.norm(w, axis=1)
+        n, turn = w / size[:, None], np.cross(self.e, w / size[:, None])
+        spin = 0.5 * self.ratio * np.sum((motion[self.i, 3:] + motion[self.j, 3:]) * self.e, axis=1)[:, None]
+        t, b = np.cos(spin) * self.t + np.sin(spin) * self.b, np.cos(spin) * self.b - np.sin(spin) * self.t
+        cosine = np.sum(self.e * n, axis=1)[:, None]
+        t, b = (cosine * v + np.cross(turn, v) + turn * np.sum(turn * v, axis=1)[:, None] / (1.0 + cosine) for v in (t, b))
         h = 0.5 * (self.x[self.i] + self.x[self.j]) - (size - 1.0) / self.ratio
         arms = [0.5 + 0.5 * self.ratio * (self.x[end] - h) for end in (self.i, self.j)]
-        return h, w / size[:, None], arms
+        return h, n, (t, b), arms
 
-    def energy(self, motion, f, still, stiffness):
-        """Sum over contacts, with shear springs that are slack in the motion ``still``."""
-        u, phi = motion[:, :2], motion[:, 2]
-        h, n, _ = self.contacts(u, f)
-        _, m, arms = self.contacts(still[:, :2])
-        closed = np.where(h.real > 0.0, h, 0.0)
-        # to first order in what has changed, which is all that springs need
-        turned = (m[:, 0] * n[:, 1] - m[:, 1] * n[:, 0]) / self.ratio
-        slip = sum(arm * (turned - (phi - still[:, 2])[end]) for arm, end in zip(arms, (self.i, self.j), strict=True))
-        return np.sum(0.4 * closed**2 * np.sqrt(closed)) + 0.5 * np.sum(stiffness * slip**2)
+    def forces(self, motion, f):
+        """Normal forces and forces T of contacts as vectors, their directions and arms."""
+        h, n, tangents, arms = self.contacts(motion, f)
+        _, m, others, before = self.contacts(self.still, np.eye(3))
+        gone = (self.vectors(motion, f) - self.vectors(self.still, np.eye(3))) / self.ratio
+        change = motion[:, 3:] - self.still[:, 3:]
+        rolled = sum(0.5 * (a + b)[:, None] * change[end] for a, b, end in zip(arms, before, (self.i, self.j), strict=True))
+        slip = gone - np.cross(rolled, 0.5 * (n + m))
+        shear = [
+            first + self.springs * np.sum(slip * 0.5 * (one + other), axis=1)
+            for first, one, other in zip(self.shears, tangents, others, strict=False)  # one in a plane, two in space
+        ]
+        return (
+            np.maximum(h, 0.0)[:, None] ** 1.5 * n,
+            sum(one[:, None] * t for one, t in zip(shear, tangents, strict=False)),
+            n,
+            arms,
+        )
 
-    def gradient(self, motion, f, still, stiffness):
-        out = np.zeros(motion.shape)
-        for at in np.ndindex(motion.shape):
-            step = motion.astype(complex)
-            step[at] += 1e-30j
-            out[at] = self.energy(step, f, still, stiffness).imag / 1e-30
+    def balance(self, motion, f=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
+        """Forces and torques that hold each ball, less those that act."""
+        normal, shear, n, arms = self.forces(motion, f)
+        out = np.zeros_like(motion)
+        for end, sign, arm in ((self.i, -1.0, arms[0]), (self.j, 1.0, arms[1])):
+            np.add.at(out, (end, slice(0, 3)), sign * (shear - normal))
+            np.add.at(out, (end, slice(3, 6)), -arm[:, None] * np.cross(n, shear))
         return out
 
-    def stress(self, motion, f, still, stiffness):
-        slope = np.zeros((2, 2))
-        for at in np.ndindex(2, 2):
-            step = np.array(f, complex)
-            step[at] += 1e-30j
-            slope[at] = self.energy(motion.astype(complex), step, still, stiffness).imag / 1e-30
-        area = AREA * len(motion) * (1.0 - self.ratio * self.overlap) ** 2 * np.linalg.det(f)
-        return slope @ np.array(f).T / area
+    def stress(self, motion, f):
+        normal, shear, _, _ = self.forces(motion, f)
+        volume = self.volume * (1.0 - self.ratio * self.overlap) ** self.periods * np.linalg.det(f)
+        return self.ratio * (shear - normal).T @ self.vectors(motion, f) / volume
+
+    def find_moduli(self):
+        """Changes of the Cauchy stress over strain, where balls come into balance again; of fourth order in the strain."""
+        columns, still, pairs = [], self.still, voigt_pairs(self.periods)
+        for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
+            columns.append(np.ravel(self.balance(still + way) - self.balance(still - way)) / 2e-6)
+        inverse = np.linalg.pinv(np.array(columns), rcond=1e-9)
+
+        def relax(f):
+            motion = still.copy()
+            for _ in range(8):
+                motion -= (np.ravel(self.balance(motion, f)) @ inverse).reshape(still.shape)
+            assert np.max(np.abs(self.balance(motion, f))) < 1e-9
+            return self.stress(motion, f)
+
+        def strained(step):
+            changes = np.zeros((len(pairs), len(pairs)))
+            for column, (a, b) in enumerate(pairs):
+                strain = np.zeros((3, 3))
+                strain[a, b] += 0.5 * step
+                strain[b, a] += 0.5 * step
+                change = (relax(np.eye(3) + strain) - relax(np.eye(3) - strain)) / (2.0 * step)
+                changes[:, column] = [0.5 * (change[c, d] + change[d, c]) for c, d in pairs]
+            return 0.5 * (changes + changes.T)
+
+        coarse, fine = strained(1e-5), strained(5e-6)  # a loose ball moves far: the error is of second order
+        np.testing.assert_allclose(fine, coarse, rtol=0.0, atol=2e-6 * fine.max())
+        return (4.0 * fine - coarse) / 3.0
 
 
-def flat(stencils, motion):
-    """(n, 3) displacements and rotations of balls."""
-    return cartesian(stencils, motion).reshape(-1, stencils.n_fields)
-
-
-def flat_rest(state):
-    moved = np.moveaxis(state.stencils.displacements(state.balls), 0, -1).reshape(-1, 2)
-    return np.column_stack([moved, np.zeros(len(moved))])
+def in_space(stencils, motion):
+    """(n, 6) displacements and rotations of balls."""
+    out, p = np.zeros((math.prod(stencils.shape), 6)), len(stencils.shape)
+    out[:, :p] = stencils.displacements(motion).reshape(p, -1).T
+    if len(motion) > p:
+        out[:, 3 if p == 3 else 5 :] = motion[p:].reshape(len(motion) - p, -1).T
+    return out
 
 
 def some_place(lattice, shape, ratio, size=0.2):
@@ -147,10 +182,11 @@ def test_in_the_limit_of_no_width_the_geometry_is_that_of_the_lattice(lattice, s
         assert np.max(np.abs(place.overlaps - straight.overlaps)) > 0.1 * ratio
 
 
-def test_overlaps_and_arms_are_those_of_positions():
-    geometry, place, _, _, _ = some_place(TRIANGULAR, (4, 5), 0.05)
-    twin = Positions(balls((4, 5)), 0.05, 0.3)
-    h, n, (arm_i, arm_j) = twin.contacts(flat(geometry.stencils, place.balls)[:, :2])
+@pytest.mark.parametrize(("lattice", "shape"), [(TRIANGULAR, (4, 5)), (FCC, (3, 4, 3))], ids=["plane", "space"])
+def test_overlaps_and_arms_are_those_of_positions(lattice, shape):
+    geometry, place, _, _, _ = some_place(lattice, shape, 0.05)
+    twin = Positions(geometry.stencils, balls(shape, lattice=lattice), 0.05, 0.3)
+    h, n, _, (arm_i, arm_j) = twin.contacts(in_space(geometry.stencils, place.balls), np.eye(3))
     np.testing.assert_allclose(place.overlaps.ravel(), h, rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(place.normal[0].ravel(), np.sum(n * twin.e, axis=1), rtol=1e-14)
     np.testing.assert_allclose(place.size.ravel(), arm_i + arm_j, rtol=1e-14)
@@ -238,8 +274,7 @@ def test_balls_are_at_rest(overlap, ratio):
     state = at_rest((6, 6), 1, overlap, ratio)
     assert state.residual <= 1e-10
     if ratio >= 1e-4:  # positions have digits enough
-        still = flat_rest(state)
-        left = Positions(state.deviations, ratio, overlap).gradient(still, np.eye(2), still, 0.0)
+        left = Positions(state.stencils, state.deviations, ratio, overlap).balance(in_space(state.stencils, state.balls))
         assert np.max(np.abs(left)) < 1e-9 * state.force + 1e-15 / ratio
 
 
@@ -310,16 +345,18 @@ def hessian(state):
 
 
 @pytest.mark.claim("friction-minimum")
-@pytest.mark.parametrize("seed", [1, 4])
-def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed):
+@pytest.mark.parametrize(("seed", "patience"), [(1, 200), (4, 200), (1, 0), (4, 0)])
+def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed, patience):
     """At the places of the lattice's equilibrium some balls between two others in line would fall aside; at rest none."""
     limit = equilibrate(balls((6, 6), seed), ReducedLoad(overlap=-0.05))
     in_line = TrueEquilibrium(limit.deviations, limit.overlap, limit.balls, limit.residual, ratio=2.55e-4)
     at_end, inverse = at_rest((6, 6), seed, -0.05, 2.55e-4), limit.stencils.preconditioner(limit.stiffnesses)
     for state, stable in ((in_line, False), (at_end, True)):
-        matrix, (way, _) = hessian(state), state.find_negative_curvature(inverse)
+        matrix, (way, taken) = hessian(state), state.find_negative_curvature(inverse, patience)
         least = np.linalg.eigvalsh(matrix)[0]
         assert (least > -1e-12, way is None) == (stable, stable)
+        if stable:  # without iterations, factors alone find out
+            assert (taken == 0) == (patience == 0)
         if way is not None:
             assert np.ravel(way) @ matrix @ np.ravel(way) < 0.0
 
@@ -338,6 +375,14 @@ def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
     assert np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0)
+
+
+@pytest.mark.parametrize("seed", [100, pytest.param(103, marks=pytest.mark.exhaustive)])
+def test_balls_near_the_threshold_come_to_rest(seed):
+    """Of arrays as large as users have some have steps without end on their way, and some long ways from saddles."""
+    state = equilibrate_exactly(balls((64, 64), seed), ReducedLoad(overlap=-0.13), STEEL_WIDTH)
+    assert state.residual <= 1e-10
+    assert state.stiffness > 0.0
 
 
 def test_an_equilibrium_does_not_depend_on_the_other_loads():
@@ -395,110 +440,11 @@ def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
 @pytest.mark.parametrize("eta", [0.0, ETA], ids=["smooth", "rough"])
 def test_moduli_are_changes_of_stress_in_strained_cells(eta):
     """Cauchy stress over strain, of a cell whose balls come to rest anew."""
-    ratio, overlap, step = 0.05, 0.4, 1e-5
-    state = at_rest((3, 4), 3, overlap, ratio)
-    twin, still = Positions(state.deviations, ratio, overlap), flat_rest(state)
-    springs = eta * state.stiffnesses.ravel()
-
-    relax = relaxed_stress(
-        lambda motion, f=((1.0, 0.0), (0.0, 1.0)): twin.gradient(motion, f, still, springs),
-        still,
-        lambda motion, f: twin.stress(motion, f, still, springs),
-    )
-    expected = np.zeros((3, 3))
-    for column, strain in enumerate(STRAINS):
-        change = (relax(np.eye(2) + step * strain) - relax(np.eye(2) - step * strain)) / (2.0 * step)
-        expected[:, column] = change[0, 0], change[1, 1], change[0, 1]
-    expected *= ratio**2  # energy in c W^(5/2), stiffness in c W^(1/2), lengths in d
+    state, own = at_rest((3, 4), 3, 0.4, 0.05), Stencils((3, 4))
+    twin = Positions(own, state.deviations, 0.05, 0.4, in_space(own, state.balls), eta * state.stiffnesses)
     found = state.find_elasticity(eta)
-    np.testing.assert_allclose(found, 0.5 * (expected + expected.T), rtol=0.0, atol=1e-6 * found.max())
-    assert np.max(np.abs(found - equilibrate(state.deviations, ReducedLoad(overlap)).find_elasticity(eta))) > 1e-3
-
-
-def relaxed_stress(balance, still, stress):
-    """The stress under a deformation of the cell, after balls have come into balance again."""
-    columns = []
-    for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
-        columns.append(np.ravel(balance(still + way) - balance(still - way)) / 2e-6)
-    inverse = np.linalg.pinv(np.array(columns), rcond=1e-9)
-
-    def relax(f):
-        motion = still.copy()
-        for _ in range(8):
-            motion -= (np.ravel(balance(motion, f)) @ inverse).reshape(still.shape)
-        assert np.max(np.abs(balance(motion, f))) < 1e-9
-        return stress(motion, f)
-
-    return relax
-
-
-class Pressed:
-    """Contacts with friction of an array in Cartesian coordinates: forces and torques by vectors in space, one by one.
-
-    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the motion ``still``, (n, 6),
-    and springs resist further slip.
-    """
-
-    def __init__(self, stencils, x, ratio, overlap, still, springs, shears):
-        self.ratio, self.overlap, self.x, self.still = ratio, overlap, x.ravel(), still
-        self.springs, self.shears = springs.ravel(), shears.reshape(len(shears), -1)
-        self.periods, self.volume = x.ndim, stencils.lattice.measure * x.size
-        cells = np.arange(x.size).reshape(x.shape)
-        self.i = np.tile(cells.ravel(), stencils.n_contacts)
-        self.j = np.concatenate([np.roll(cells, [-n for n in shift], range(x.ndim)).ravel() for shift in stencils.shifts])
-        frames = np.array(contact_frames(stencils.lattice.contacts.normal))
-        self.e, self.t, self.b = (np.repeat(axis.T, x.size, axis=0) for axis in frames)
-
-    def vectors(self, motion, f):
-        moved = (1.0 - self.ratio * self.overlap) * self.e + self.ratio * (motion[self.j, :3] - motion[self.i, :3])
-        return moved @ np.array(f).T
-
-    def contacts(self, motion, f):
-        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and about it
-        with the balls."""
-        w = self.vectors(motion, f)
-        size = np.linalg.norm(w, axis=1)
-        n, turn = w / size[:, None], np.cross(self.e, w / size[:, None])
-        spin = 0.5 * self.ratio * np.sum((motion[self.i, 3:] + motion[self.j, 3:]) * self.e, axis=1)[:, None]
-        t, b = np.cos(spin) * self.t + np.sin(spin) * self.b, np.cos(spin) * self.b - np.sin(spin) * self.t
-        cosine = np.sum(self.e * n, axis=1)[:, None]
-        t, b = (cosine * v + np.cross(turn, v) + turn * np.sum(turn * v, axis=1)[:, None] / (1.0 + cosine) for v in (t, b))
-        h = 0.5 * (self.x[self.i] + self.x[self.j]) - (size - 1.0) / self.ratio
-        arms = [0.5 + 0.5 * self.ratio * (self.x[end] - h) for end in (self.i, self.j)]
-        return h, n, (t, b), arms
-
-    def forces(self, motion, f):
-        """Normal forces and forces T of contacts as vectors, their directions and arms."""
-        h, n, tangents, arms = self.contacts(motion, f)
-        _, m, others, before = self.contacts(self.still, np.eye(3))
-        gone = (self.vectors(motion, f) - self.vectors(self.still, np.eye(3))) / self.ratio
-        change = motion[:, 3:] - self.still[:, 3:]
-        rolled = sum(0.5 * (a + b)[:, None] * change[end] for a, b, end in zip(arms, before, (self.i, self.j), strict=True))
-        slip = gone - np.cross(rolled, 0.5 * (n + m))
-        shear = [
-            first + self.springs * np.sum(slip * 0.5 * (one + other), axis=1)
-            for first, one, other in zip(self.shears, tangents, others, strict=False)  # one in a plane, two in space
-        ]
-        return (
-            np.maximum(h, 0.0)[:, None] ** 1.5 * n,
-            sum(one[:, None] * t for one, t in zip(shear, tangents, strict=False)),
-            n,
-            arms,
-        )
-
-    def balance(self, motion, f=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
-        """Forces and torques that hold each ball, less those that act."""
-        normal, shear, n, arms = self.forces(motion, f)
-        out = np.zeros_like(motion)
-        for end, sign, arm in ((self.i, -1.0, arms[0]), (self.j, 1.0, arms[1])):
-            np.add.at(out, (end, slice(0, 3)), sign * (shear - normal))
-            np.add.at(out, (end, slice(3, 6)), -arm[:, None] * np.cross(n, shear))
-        return out
-
-    def stress(self, motion, f):
-        normal, shear, _, _ = self.forces(motion, f)
-        volume = self.volume * (1.0 - self.ratio * self.overlap) ** self.periods * np.linalg.det(f)
-        return self.ratio * (shear - normal).T @ self.vectors(motion, f) / volume
+    np.testing.assert_allclose(found, twin.find_moduli(), rtol=0.0, atol=1e-8 * found.max())
+    assert np.max(np.abs(found - equilibrate(state.deviations, ReducedLoad(0.4)).find_elasticity(eta))) > 1e-3
 
 
 @pytest.mark.parametrize(
@@ -507,7 +453,7 @@ class Pressed:
 )
 def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu, response, monkeypatch):
     """After a history; where contacts that slide have no springs, the forces that act hold some balls alone."""
-    ratio, overlap, p = 0.02, 0.4, len(shape)
+    ratio, overlap = 0.02, 0.4
     x, stencils = balls(shape, 2, lattice), Stencils(shape, ETA, lattice=lattice)
     geometry = ExactGeometry(stencils, x, ratio)
     (pressed,) = LoadingHistory(x, stencils, mu, math.inf, ReducedLoad(overlap=0.2), geometry=geometry).path(
@@ -519,43 +465,20 @@ def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu
     monkeypatch.setattr(ExactPlace, "respond", lambda *given: taken.append(1) or respond(*given))
     found = state.find_elasticity(ratios)
     assert len(taken) < 200  # it was more than 3000 for "slide"
-    motion, still = stencils.spread(state.balls, state.rotations), np.zeros((x.size, 6))
-    still[:, :p] = stencils.displacements(motion).reshape(p, -1).T
-    still[:, 3 if p == 3 else 5 :] = motion[p:].reshape(stencils.n_fields - p, -1).T
-    twin = Pressed(stencils, x, ratio, overlap, still, ratios * state.stiffnesses, state.shears)
+    still = in_space(stencils, stencils.spread(state.balls, state.rotations))
+    twin = Positions(stencils, x, ratio, overlap, still, ratios * state.stiffnesses, state.shears)
     assert np.max(np.abs(twin.balance(still))) < 2e-9 * state.force
-    relax = relaxed_stress(twin.balance, still, twin.stress)
-
-    def strained(step):
-        pairs = voigt_pairs(p)
-        changes = np.zeros((len(pairs), len(pairs)))
-        for column, (a, b) in enumerate(pairs):
-            strain = np.zeros((3, 3))
-            strain[a, b] += 0.5 * step
-            strain[b, a] += 0.5 * step
-            change = (relax(np.eye(3) + strain) - relax(np.eye(3) - strain)) / (2.0 * step)
-            changes[:, column] = [0.5 * (change[c, d] + change[d, c]) for c, d in pairs]
-        return 0.5 * (changes + changes.T)
-
-    coarse, fine = strained(1e-5), strained(5e-6)  # a loose ball moves far: the error is of second order
-    np.testing.assert_allclose(found, (4.0 * fine - coarse) / 3.0, rtol=0.0, atol=1e-8 * found.max())
-    np.testing.assert_allclose(fine, coarse, rtol=0.0, atol=2e-6 * found.max())
+    np.testing.assert_allclose(found, twin.find_moduli(), rtol=0.0, atol=1e-8 * found.max())
 
 
 # -- what the limit of small spread leaves out ----------------------------------------------------------------------------
-
-
-def isotropic(tensor):
-    """K and G of a plane, G as the mean of the two orientations."""
-    shear = ((tensor[0, 0] + tensor[1, 1] - 2.0 * tensor[0, 1]) / 4.0 + tensor[2, 2]) / 2.0
-    return np.array([np.sum(tensor[:2, :2]) / 4.0, shear])
 
 
 def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
     """Parts by which the limit of small spread underestimates K and G, for each eta, and the fraction of its contacts."""
     limit = equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
     state = equilibrate_exactly(limit.deviations, ReducedLoad(overlap=limit.overlap), ratio, limit.stencils, limit)
-    less = [1.0 - isotropic(limit.find_elasticity(eta)) / isotropic(state.find_elasticity(eta)) for eta in etas]
+    less = [1.0 - bulk_and_shear(limit.find_elasticity(eta)) / bulk_and_shear(state.find_elasticity(eta)) for eta in etas]
     return less, float(np.mean(limit.forces > 1e-6 * limit.force))
 
 
@@ -615,15 +538,6 @@ def test_the_expected_deficit_is_a_part():
     assert np.all(estimate_shear_deficit(0.5, STEEL_WIDTH, 3) < found[1, 0])
 
 
-def test_the_check_is_of_the_geometry_of_the_lattice(steel):
-    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
-    found = [gp.DirectSimulation(packing, (8, 8), geometry=one).at_overlap(0.0) for one in ("lattice", "exact")]
-    of_lattice, of_truth = (gp.validity(state) for state in found)
-    expected = estimate_shear_deficit(found[0].contact_fraction, STEEL_WIDTH, 2)
-    assert of_lattice["shear"].value == pytest.approx(expected, rel=1e-12)
-    assert "shear" not in [check.name for check in of_truth.checks]
-
-
 def test_the_contact_fraction_leaves_out_the_least_forces(steel):
     """Of loose balls, which only the exact geometry has; the documentation says so wherever the number is explained."""
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
@@ -655,7 +569,7 @@ def test_after_a_history_more_is_left_out(steel):
     )
     expected = gp.validity(low)["shear"].value
     assert np.all(expected > 1e-2)  # which is the limit
-    shears = [np.array([isotropic(one)[1] for one in state.elastic_tensor]) for state in (low, true)]
+    shears = [bulk_and_shear(state.elastic_tensor)[..., 1] for state in (low, true)]
     assert np.all(np.abs(np.log(expected / (1.0 - shears[0] / shears[1]))) < math.log(1.8))
 
 
@@ -675,20 +589,6 @@ def test_a_history_on_the_lattice_lacks_a_part_of_what_friction_adds(steel):
         added[geometry] = pressed / smooth - 1.0
     assert np.all(added["lattice"] < 0.95 * added["exact"])
     assert np.all(added["lattice"] > 0.85 * added["exact"])
-
-
-@pytest.mark.exhaustive
-def test_a_scene_warns_where_the_limit_is_not_good_enough(tmp_path):
-    for overlap, geometry, warned in (("0", "lattice", True), ("0.2", "lattice", False), ("0", "exact", False)):
-        text = f"""
-            material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
-            packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}
-            load: {{overlap: {overlap} um}}
-            medium: {{simulation: {{shape: 16 16, geometry: {geometry}}}}}
-            """
-        gp.Scene.from_text(text).run(tmp_path / f"{geometry} {overlap}")
-        summary = yaml.safe_load((tmp_path / f"{geometry} {overlap}" / "summary.yaml").read_text())
-        assert any("shear modulus" in one for one in summary.get("warnings", ())) == warned
 
 
 @pytest.mark.parametrize("kind", ["force", "overlap"])
@@ -721,39 +621,31 @@ def test_scenes_have_the_exponent_of_the_exact_geometry(tmp_path):
 # -- histories ----------------------------------------------------------------------------------------------------------
 
 
-def history(shape, mu, ratio, seed=1, lattice=TRIANGULAR, **more):
-    stencils, x = Stencils(shape, ETA, lattice=lattice), balls(shape, seed, lattice)
-    return LoadingHistory(x, stencils, mu, math.inf, geometry=ExactGeometry(stencils, x, ratio), **more)
-
-
-def ramp(*turns, steps):
-    parts = [np.linspace(a, b, steps + 1)[1:] for a, b in itertools.pairwise(turns)]
-    return [ReducedLoad(overlap=float(y)) for y in np.concatenate(parts)]
-
-
 def test_steps_of_a_path_are_those_of_loops_over_positions():
     """Overlaps, angles, arms, the law, and balance: all from Cartesian positions, contact by contact."""
     shape, mu, ratio = (5, 4), 0.2, 0.03
-    paths, law = history(shape, mu, ratio), Dense(balls(shape, 1), mu).law
+    paths, law = history(shape, mu, seed=1, ratio=ratio), Dense(balls(shape, 1), mu).law
     here, seen = paths.begin(), 0.0
-    for state in paths.path(ramp(0.0, 0.4, 0.1, steps=2)):
-        motions = [flat(paths.stencils, one.balls) for one in (here, state)]
-        twins = [Positions(balls(shape, 1), ratio, one.overlap) for one in (here, state)]
-        (h0, n0, arms0), (h1, n1, arms1) = (twin.contacts(one[:, :2]) for twin, one in zip(twins, motions, strict=True))
+    for state in paths.path(ramp(0.5, 0.9, 0.6, steps=2)):
+        motions = [in_space(paths.stencils, one.balls) for one in (here, state)]
+        twins = [Positions(paths.stencils, balls(shape, 1), ratio, one.overlap) for one in (here, state)]
+        (h0, n0, _, arms0), (h1, n1, _, arms1) = (
+            twin.contacts(one, np.eye(3)) for twin, one in zip(twins, motions, strict=True)
+        )
         turn = np.arctan2(n0[:, 0] * n1[:, 1] - n0[:, 1] * n1[:, 0], np.sum(n0 * n1, axis=1)) / ratio
         left = np.zeros_like(motions[0])
         for c, (i, j) in enumerate(zip(twins[0].i, twins[0].j, strict=True)):
-            spun = motions[1][:, 2] - motions[0][:, 2]
+            spun = motions[1][:, 5] - motions[0][:, 5]
             arm_i, arm_j = (0.5 * (arms0[side][c] + arms1[side][c]) for side in (0, 1))
             slip = arm_i * (turn[c] - spun[i]) + arm_j * (turn[c] - spun[j])
             f, t = law((h0[c], 0.0, here.contacts.shears.ravel()[c]), h1[c], slip)
             assert state.contacts.forces.ravel()[c] == pytest.approx(f, abs=1e-12)
             assert state.contacts.shears.ravel()[c] == pytest.approx(t, abs=1e-12)
-            push = f * n1[c] - t * np.array([-n1[c][1], n1[c][0]])
-            left[i, :2] -= push
-            left[j, :2] += push
-            left[i, 2] += arms1[0][c] * t
-            left[j, 2] += arms1[1][c] * t
+            push = f * n1[c] - t * np.array([-n1[c][1], n1[c][0], 0.0])
+            left[i, :3] -= push
+            left[j, :3] += push
+            left[i, 5] += arms1[0][c] * t
+            left[j, 5] += arms1[1][c] * t
         assert np.max(np.abs(left)) < 2e-9 * state.force
         here, seen = state, max(seen, state.sliding_fraction)
     assert seen > 0.0
@@ -762,13 +654,13 @@ def test_steps_of_a_path_are_those_of_loops_over_positions():
 @pytest.mark.parametrize("mu", [0.2, math.inf])
 def test_paths_tend_to_those_of_the_lattice(mu):
     """In proportion to W/d, from a beginning at which contacts hold every ball from more than two sides."""
-    shape, loads = (5, 5), ramp(0.6, 0.9, 0.7, steps=2)
+    shape, loads = (5, 5), ramp(1.1, 1.4, 1.2, steps=2)
     x, stencils = balls(shape, 1), Stencils(shape, ETA)
     start = equilibrate(x, ReducedLoad(overlap=0.6))
     *_, limit = LoadingHistory(x, stencils, mu, math.inf, start).path(loads)
     changes = []
     for ratio in (0.0, 1e-3, 5e-4):
-        *_, state = history(shape, mu, ratio, start=start).path(loads)
+        *_, state = history(shape, mu, seed=1, ratio=ratio, start=start).path(loads)
         parts = state.contacts.forces - limit.contacts.forces, state.contacts.shears - limit.contacts.shears
         changes.append(max(float(np.max(np.abs(part))) for part in parts))
     assert changes[0] < 1e-3 * BALANCE_TOLERANCE  # the same equations, whose products are rounded in another order
@@ -780,8 +672,8 @@ def test_an_array_in_space_keeps_its_energy():
     left, x, stencils = [], balls((3, 3, 2), 1, FCC), Stencils((3, 3, 2), lattice=FCC)
     start = equilibrate_exactly(x, ReducedLoad(overlap=0.1), 0.02, stencils)
     for steps in (4, 32):
-        paths = history((3, 3, 2), 0.2, 0.02, lattice=FCC, start=start)
-        states = [paths.begin(), *paths.path(ramp(0.1, 0.5, steps=steps))]
+        paths = history((3, 3, 2), 0.2, seed=1, lattice=FCC, ratio=0.02, start=start)
+        states = [paths.begin(), *paths.path(ramp(0.6, 1.0, steps=steps))]
         last = states[-1]
         assert last.residual <= 1e-9
         pushes = [paths.stepper.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]

@@ -105,19 +105,6 @@ def test_uniform_averages_are_the_closed_forms_at_every_load(power):
     )
 
 
-def test_uniform_averages_as_printed_with_powers_5_2_and_7_2():
-    y = np.linspace(-0.6, 1.0, 33)
-
-    def plus(t, q):
-        return np.maximum(t, 0.0) ** q
-
-    pair = 16 / 35 * (plus(y + 0.5, 3.5) - 2 * plus(y, 3.5) + plus(y - 0.5, 3.5))
-    np.testing.assert_allclose(UNIFORM.force(y), pair, rtol=1e-13, atol=1e-16)
-    for x in (-0.5, 0.1, 0.5):
-        single = 0.8 * (plus(y + x / 2 + 0.25, 2.5) - plus(y + x / 2 - 0.25, 2.5))
-        np.testing.assert_allclose(UNIFORM.force(y, x), single, rtol=1e-13, atol=1e-16)
-
-
 @pytest.mark.claim("averaged-force-right")
 @pytest.mark.parametrize("cutoff", NORMALS)
 @pytest.mark.parametrize("pair", [True, False])
@@ -417,14 +404,6 @@ def test_a_hundred_thousand_balls_need_little():
     lot = Measured(8e-3 + off)
     assert lot.shape._pairs[0].size <= MOST_POINTS * (MOST_POINTS + 1) // 2 < 20_000  # as many kinks has the law
     np.testing.assert_allclose(lot.shape.force([-0.3, 0.0, 1.0]), Normal(1e-6).shape.force([-0.3, 0.0, 1.0]), rtol=3e-2)
-
-
-def test_blocks_do_not_show(monkeypatch):
-    y = np.linspace(-0.4, 2.0, 7)
-    whole = [shape.force(y) for shape in SHAPES.values()]
-    monkeypatch.setattr("granphon.balls.distributions._NUMBERS_AT_ONCE", 8)
-    for shape, expected in zip(SHAPES.values(), whole, strict=True):
-        np.testing.assert_array_equal(shape.force(y), expected)
 
 
 # --- samples ----------------------------------------------------------------------------------------------------------

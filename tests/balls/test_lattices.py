@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.balls.contact_table import contact_frames, find_contacts, steps_within, touch_once_at_most
+from granphon.balls.contact_table import contact_frames, steps_within, touch_once_at_most
 from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, as_direction, find_lattice
 from granphon.balls.motions import ALL
 from granphon.base.errors import InputError
@@ -336,31 +336,7 @@ def test_a_stress_that_is_no_pressure_in_space():
 
 # -- the table of contacts --------------------------------------------------------------------------------------------
 
-HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
-
-
-@pytest.mark.parametrize(
-    ("lattice", "coordination", "area"),
-    [
-        (TRIANGULAR, 6, math.sqrt(3) / 2),
-        (SQUARE, 4, 1.0),
-        (KAGOME, 4, 2 / math.sqrt(3)),
-        (HONEYCOMB, 3, 3 * math.sqrt(3) / 4),
-    ],
-)
-def test_contacts_of_named_lattices_in_the_plane(twin, lattice, coordination, area):
-    assert lattice.coordination == coordination
-    assert_allclose(lattice.measure_per_ball, area, rtol=1e-15)
-    table = lattice.contacts
-    assert len(table) == coordination * lattice.n_balls // 2
-    # the twin sees every contact from both ends
-    expected = sorted(
-        (i, j, round(x, 9) + 0.0, round(y, 9) + 0.0) for i, j, (x, y) in twin.neighbours(lattice.cell, lattice.sites)
-    )
-    rows = list(zip(table.i.tolist(), table.j.tolist(), table.normal.tolist(), strict=True))
-    found = [(i, j, round(x, 9) + 0.0, round(y, 9) + 0.0) for i, j, (x, y) in rows]
-    found += [(j, i, round(-x, 9) + 0.0, round(-y, 9) + 0.0) for i, j, (x, y) in rows]
-    assert sorted(found) == expected
+HONEYCOMB = LATTICES["honeycomb"]
 
 
 def test_rows_of_the_table_agree_with_the_positions():
@@ -389,20 +365,6 @@ def test_hexagonal_cell_has_k_at_one_third_one_third():
     assert_allclose(lattice.wavevectors([1 / 3, 1 / 3, 0]), [2 * math.pi / 3, 2 * math.pi / math.sqrt(3)], rtol=1e-14)
     assert_allclose(np.linalg.norm(lattice.wavevectors([1 / 3, 1 / 3])), 4 * math.pi / 3, rtol=1e-14)
     assert_allclose(np.linalg.norm(lattice.wavevectors([1 / 2, 0])), 2 * math.pi / math.sqrt(3), rtol=1e-14)
-
-
-@given(m=st.integers(-4, 4), n=st.integers(-4, 4), angle=st.floats(0, 7))
-def test_skewed_and_turned_cell_has_the_same_contacts(m, n, angle):
-    skew = np.array([[1, m], [0, 1]]) @ np.array([[1, 0], [n, 1]])
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    cell = skew @ TRIANGULAR.vectors @ turn.T
-    table = gp.Lattice("skewed", cell).contacts
-    both = np.concatenate([table.normal, -table.normal]) @ turn
-    angles = np.sort(np.degrees(np.arctan2(both[:, 1], both[:, 0])) % 60.0 % 60.0)
-    assert len(both) == 6
-    assert_allclose(np.minimum(angles, 60.0 - angles), 0.0, atol=1e-11)
-    sectors = np.sort(np.round(np.degrees(np.arctan2(both[:, 1], both[:, 0])) / 60.0).astype(int) % 6)
-    assert sectors.tolist() == [0, 1, 2, 3, 4, 5]
 
 
 def test_sites_may_lie_outside_the_cell():
@@ -477,16 +439,6 @@ def test_lattice_vectors_within_a_sphere_whatever_the_cell(m, n, radius):
     cubes = cubes[cubes.sum(axis=1) % 2 == 0] / math.sqrt(2.0)
     lengths = np.sort(np.linalg.norm(cubes, axis=1))
     assert_allclose(np.sort(np.linalg.norm(few @ FCC, axis=1)), lengths[lengths <= radius], atol=1e-12)
-
-
-def test_contacts_of_fcc_and_of_a_chain():
-    table = find_contacts(FCC, np.zeros((1, 3)), "fcc")
-    expected = [[1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1], [0, 1, 1], [0, 1, -1]]
-    both = np.concatenate([table.normal, -table.normal]) * math.sqrt(2.0)
-    assert sorted(np.round(both, 12).tolist()) == sorted([*expected, *(-np.array(expected)).tolist()])
-    assert_allclose(table.shift @ FCC, table.vector, atol=1e-15)
-    chain = find_contacts(np.array([[2.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]]), "chain")
-    assert_allclose(sorted(chain.vector.tolist()), [[-1.0, 0.0], [1.0, 0.0]])
 
 
 @given(st.floats(0, math.pi), st.floats(0, 7))

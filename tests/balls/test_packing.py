@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES, TRIANGULAR
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
+from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError
 
 NAMED = list(LATTICES)
@@ -133,15 +133,6 @@ def test_packings_that_cannot_be(steel, change, text):
     with pytest.raises(InputError, match=text) as caught:
         gp.Packing(**({"material": steel, "diameter": 8e-3, "lattice": "fcc"} | change))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("motions", [LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL])
-def test_rotations_are_those_that_something_resists(motions):
-    # shear and bending resist all, torsion those that turn about some normal: none in the plane
-    assert select_motions(0.0, among=motions).rotations == ()
-    assert select_motions(0.1, among=motions) == motions
-    assert select_motions(0.0, 0.0, 0.1, motions) == motions
-    assert select_motions(0.0, 0.1, 0.0, motions).rotate is (motions.rotate and motions is not IN_PLANE)
 
 
 # -- torsion of a Hertz contact -----------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.accuracy import compute_form_coefficients
-from granphon.media.candidates import even_shape
+from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.tradeoffs.ensemble import observe

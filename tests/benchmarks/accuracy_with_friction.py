@@ -53,7 +53,7 @@ from granphon.balls.diameters import Spread
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.media.accuracy import compute_form_coefficients
-from granphon.media.candidates import even_shape
+from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState
 
 Array = NDArray[np.float64]

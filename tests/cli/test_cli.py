@@ -19,6 +19,7 @@ from granphon.base.staging import LIST
 from granphon.cli.commands import main
 from granphon.scene.result_files import expected_files
 from granphon.scene.scene import Scene
+from tests.conftest import one_error
 
 SCENE = """\
 schema: 1
@@ -53,15 +54,6 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options)
-
-
-def one_error(capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line on stderr, without its prefix."""
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("granphon: error: ")
-    assert err.count("\n") == 1
-    return err.removeprefix("granphon: error: ").strip()
 
 
 def tree(folder: Path) -> set[str]:
@@ -464,6 +456,12 @@ def test_run_writes_spectra_that_are_read_back(work):
     np.testing.assert_allclose(dos.total, phonons.dos((8, 8)).total, rtol=1e-12)
     summary = yaml.safe_load((work / "out/summary.yaml").read_text())
     assert summary["top_frequency"] == expected.frequencies.max()
+    # and what was expected
+    plan = Scene.from_yaml("scene.yaml").plan
+    assert tuple(path.name for path in result.files) == expected_files(plan, figures=False)
+    assert set(expected_files(plan)) - set(expected_files(plan, figures=False)) == {"bands.png"}
+    alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
+    assert expected_files(alone.plan) == (*ALONE, "dos.csv", "dos.png")
     assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy", "spglib"}
 
 
@@ -569,16 +567,6 @@ def test_force_leaves_no_file_of_the_earlier_run(work):
     (work / "scene.yaml").write_text(SCENE, encoding="utf-8")
     Scene.from_yaml("scene.yaml").run("out", force=True)
     assert tree(work / "out") == {*ALONE, "notes.txt"}
-
-
-def test_expected_files_are_those_written(work):
-    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
-    scene = Scene.from_yaml("scene.yaml")
-    result = scene.run("out", figures=False)
-    assert tuple(path.name for path in result.files) == expected_files(scene.plan, figures=False)
-    assert set(expected_files(scene.plan)) - set(expected_files(scene.plan, figures=False)) == {"bands.png"}
-    alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
-    assert expected_files(alone.plan) == (*ALONE, "dos.csv", "dos.png")
 
 
 def test_a_failing_computation_leaves_nothing(work, capsys):

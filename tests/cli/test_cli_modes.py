@@ -12,6 +12,7 @@ from granphon.cli.commands import main
 from granphon.figures.modes import mode_figure
 from granphon.figures.style import save_figure
 from granphon.phonons.paths import read_point, special_points
+from tests.conftest import one_error
 
 SCENE = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -30,15 +31,6 @@ def work(tmp_path, monkeypatch):
 
 def files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != LIST}
-
-
-def one_error(capsys):
-    """The one line on stderr, without its prefix."""
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("granphon: error: ")
-    assert err.count("\n") == 1
-    return err.removeprefix("granphon: error: ").strip()
 
 
 def test_a_mode_is_that_of_the_library(work, capsys):

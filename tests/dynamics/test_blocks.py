@@ -84,6 +84,7 @@ def exact_frequencies(lattice, q, digits):
 # -- branches that vanish at every wave vector ----------------------------------------------------------------------------
 
 
+@pytest.mark.claim("free-branches")
 @pytest.mark.parametrize(
     ("name", "motions", "terms", "free", "branches", "remedy"),
     [
@@ -170,6 +171,7 @@ def test_blocks_are_what_no_row_joins():
 # -- closed forms ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("membranes-bend")
 @given(size=sizes, bending=st.floats(1e-3, 1.0), torsion=st.floats(1e-3, 1.0), eta=st.floats(0.05, 1.3))
 def test_chain_in_closed_form_at_every_size(size, bending, torsion, eta):
     s, c = math.sin(size / 2), math.cos(size / 2)
@@ -184,6 +186,7 @@ def test_chain_in_closed_form_at_every_size(size, bending, torsion, eta):
     assert_allclose(without, [0.0, 0.0, 0.0, *sorted([2 * s, pair, pair])], rtol=4e-15)
 
 
+@pytest.mark.claim("membranes-bend")
 @given(size=sizes, angle=angles, eta=st.floats(0.05, 1.3))
 def test_product_of_the_triangular_branches_out_of_plane(size, angle, eta):
     # det C(q) = 10 sqrt(3) eta^(3/2) sin h_1 sin h_2 sin h_3
@@ -244,24 +247,6 @@ def test_square_out_of_plane_in_closed_form(q):
     values = make("square", OUT_OF_PLANE).frequencies([q])[0]
     assert values[0] == 0.0
     assert_allclose(values[1:] ** 2, [ETA * (one * other - mixed**2) / high, ETA * high], atol=2e-14)
-
-
-def test_honeycomb_out_of_plane_in_closed_form():
-    # C C^H = eta (7 on the diagonal, -cos(h_p - h_p')/2 beside it)
-    lattice = make("honeycomb", OUT_OF_PLANE)
-    q = np.concatenate([scatter(lattice, 10), lattice.wavevectors([[0, 0], [1 / 3, 1 / 3], [0.5, 0]])])
-    half = 0.5 * q @ lattice.contacts.vector.T
-    matrix = -0.5 * np.cos(half[:, :, None] - half[:, None]) + 7.5 * np.eye(3)
-    values = lattice.frequencies(q)
-    assert np.all(values[:, :3] == 0.0)
-    assert_allclose(values[:, 3:] ** 2, ETA * np.linalg.eigvalsh(matrix), atol=1e-13)
-    # the Dirac point: two branches touch at K
-    gamma, corner = values[10, 3:] ** 2 / ETA, values[11, 3:] ** 2 / ETA
-    assert_allclose(gamma, [6.0, 7.5, 7.5], rtol=1e-14)
-    assert_allclose(corner, [6.75, 6.75, 7.5], rtol=1e-14)
-    slopes = lattice.modes(lattice.wavevectors([[1 / 3, 1 / 3]]), (1.0, 0.0)).group_velocities[0, 3:, 0]
-    assert slopes[0] == pytest.approx(-slopes[1], rel=1e-12)
-    assert abs(slopes[0]) > 0.01
 
 
 # -- modes that vanish at points and lines --------------------------------------------------------------------------------

@@ -77,24 +77,6 @@ def test_chain(ratios):
         assert_allclose(squares("chain", ratios, X[:, None], motions), in_order(part), rtol=1e-12, atol=1e-15)
 
 
-@pytest.mark.claim("membranes-bend")
-def test_chain_bends_like_a_beam():
-    # determinant 160 eta beta s^4 over trace 10 eta: omega = sqrt(beta) q^2, Euler's beam of stiffness k_b d
-    low = lattice_of("chain", EVERY, OUT_OF_PLANE).frequencies([[1e-2], [2e-2]])[:, 0]
-    assert_allclose(low, math.sqrt(EVERY[2]) * np.array([1e-4, 4e-4]), rtol=1e-3)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.3, math.pi / 4])
-def test_square_out_of_plane(angle):
-    # n = x, y: two slips, of u_z and w_y, and of u_z and w_x; their products make a 2 x 2 matrix, and one motion is free
-    eta = SHEAR[0]
-    q = X[:, None] * [math.cos(angle), math.sin(angle)]
-    (sx, sy), (cx, cy) = (trig(0.5 * q).T for trig in (np.sin, np.cos))
-    slips = pair(4 * sx**2 + 10 * cx**2, 4 * sy**2 + 10 * cy**2, 16 * (sx * sy) ** 2)
-    expected = in_order([0.0 * sx, *(eta * one for one in slips)])
-    assert_allclose(squares("square", SHEAR, q, OUT_OF_PLANE), expected, rtol=1e-13, atol=1e-15)
-
-
 @pytest.mark.claim("granular-graphene")
 @pytest.mark.parametrize("ratios", RATIOS)
 def test_triangular_out_of_plane_at_the_corner(ratios):
@@ -112,17 +94,6 @@ def test_triangular_out_of_plane_at_the_corner(ratios):
         two = np.sort(beside[np.argsort(np.abs(beside - turning))[:2]])
         slope = 0.75 * math.sin(2 * math.pi / 3) * abs(5 * eta + 20 * tau - 20 * beta)
         assert_allclose((two[1] - two[0]) / (2 * step), slope, rtol=1e-4)
-
-
-@pytest.mark.claim("membranes-bend")
-@given(q=st.tuples(st.floats(-7, 7), st.floats(-7, 7)), eta=st.floats(0.01, 2.0))
-def test_triangular_out_of_plane_product(q, eta):
-    # C is 3 x 3 with rows sqrt(eta) (2 s_m, sqrt(10) c_m t_m). Its determinant is 10 sqrt(3) times the sum of s_1 c_2 c_3
-    # over cyclic places, which is s_1 s_2 s_3, because the three half angles add up to zero
-    half = 0.5 * np.array([q[0], *(-0.5 * q[0] + sign * 0.5 * ROOT3 * q[1] for sign in (1, -1))])
-    expected = 10 * ROOT3 * eta**1.5 * abs(np.prod(np.sin(half)))
-    found = np.prod(squares("triangular", (eta, 0, 0), [q], OUT_OF_PLANE)[0]) ** 0.5
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-13 * eta**1.5)
 
 
 @pytest.mark.claim("membranes-bend")
@@ -185,28 +156,6 @@ def test_dirac_point_of_the_honeycomb(ratios):
         for angle in (0.0, 0.7, 2.0):
             beside = lattice.frequencies([corner + step * np.array([math.cos(angle), math.sin(angle)])])[0] ** 2
             assert_allclose(beside[3:5], 6.75 * eta + 0.375 * eta * step * np.array([-1, 1]), rtol=1e-11)
-
-
-@pytest.mark.claim("free-branches")
-@pytest.mark.parametrize(
-    ("name", "motions", "counts"),
-    # with shear, with shear and torsion, with shear and bending
-    [
-        ("chain", ALL, (3, 2, 1)), ("chain", IN_PLANE, (1, 1, 0)), ("square", OUT_OF_PLANE, (1, 0, 0)),
-        ("honeycomb", OUT_OF_PLANE, (3, 1, 0)), ("kagome", OUT_OF_PLANE, (3, 0, 0)),
-        ("triangular", OUT_OF_PLANE, (0, 0, 0)), ("fcc", ALL, (0, 0, 0)), ("diamond", ALL, (0, 0, 0)),
-    ],
-)  # fmt: skip
-def test_branches_that_vanish_everywhere(name, motions, counts):
-    # C has three rows a contact, elongation and two slips: two of them in the plane, one out of it; and fewer rows than
-    # motions leave some of these free
-    for count, ratios in zip(counts, (SHEAR, (0.84, 0.1, 0.0), (0.84, 0.0, 0.1)), strict=True):
-        lattice = lattice_of(name, ratios, motions)
-        found = lattice.frequencies(np.random.default_rng(1).uniform(-3, 3, (20, lattice.periods)))
-        assert np.all(found[:, :count] < 1e-14)
-        assert np.all(found[:, count:] > 1e-6)
-    rows = sum(3 if motions is ALL else 1 + (motions is IN_PLANE) for _ in lattice.contacts.i)
-    assert counts[0] == max(0, lattice.n_branches - rows)
 
 
 # -- closed forms: space ------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, Lattice, find_lattice
+from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import (
@@ -23,7 +23,6 @@ from granphon.dynamics.local_field import (
     local_field,
     paper_local_field,
 )
-from granphon.dynamics.zone_quadrature import divide_zone
 
 ROOT3 = np.sqrt(3.0)
 DIVISOR = 4.0 * np.pi - 3.0 * ROOT3
@@ -249,27 +248,6 @@ def test_continuous_at_zero_friction():
     for eta in (1e-12, 1e-9, 1e-6):
         # slope 1.04
         np.testing.assert_allclose(triple(local_field("triangular", eta)), triple(field), atol=1.1 * eta + 1e-12)
-
-
-def test_far_field_ratio():
-    # elastic continuum, u = 1/r: alpha near 1/2, beta near 1/sqrt(3), at any eta beyond the first
-    field = local_field("triangular", 0.84)
-    assert field.alpha == pytest.approx(0.5, abs=0.01)
-    assert field.beta == pytest.approx(1.0 / ROOT3, abs=0.04)
-
-
-@pytest.mark.parametrize("name", [name for name, one in LATTICES.items() if one.periods == 2])
-def test_quadrature_sum_rules(name):
-    medium = ContactLattice.of(name, 0.84)
-    places = np.array([[0, 0], [1, 0], [0, 1], [2, -1]]) @ medium.cell
-    means, trace = 0.0, 0.0
-    for q, weights in divide_zone(medium.reciprocal, 12):
-        means = means + weights @ np.cos(q @ places.T)
-        factor = np.linalg.qr(medium.compatibility(q))[0]
-        trace += weights @ np.sum(np.abs(factor) ** 2, axis=(1, 2))
-    np.testing.assert_allclose(means, [1.0, 0.0, 0.0, 0.0], atol=1e-10)
-    # Maxwell: the projector has as many directions as the balls have motions
-    assert trace == pytest.approx(medium.n_branches, rel=1e-12)
 
 
 @pytest.mark.claim("api-local-field")

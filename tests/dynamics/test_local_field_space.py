@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 import granphon as gp
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError, PrecisionError
-from granphon.dynamics.local_field import LocalField, _find_range, local_field
+from granphon.dynamics.local_field import _find_range, local_field
 from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -357,11 +357,6 @@ def test_extreme_stiffnesses_of_a_lattice_that_needs_none():
 def test_stiffness_that_cannot_be(name, value):
     with pytest.raises(InputError, match=f"{name}.*zero or above"):
         local_field("fcc", **{"mindlin_ratio": 0.84, name: value})
-
-
-def test_result():
-    field = local_field("sc", 0.84, torsion=0.01, bending=0.02)
-    assert LocalField.from_dict(field.to_dict()) == field
 
 
 # -- the media -------------------------------------------------------------------------------------------------------------

@@ -65,14 +65,6 @@ def test_velocities_and_moduli_at_every_size_and_load(diameter, load, sigma, fri
             assert abs(found / exact - 1) < 1e-13
 
 
-@given(exponent=st.floats(-30, -5), eta=st.floats(0.0, 4 / 3))
-def test_velocities_grow_as_the_sixth_root_of_the_load(packing, exponent, eta):
-    medium = gp.AveragedLattice(packing)
-    low, high = (gp.sound_velocities(medium.at_force(factor * 10.0**exponent)) for factor in (1.0, 64.0))
-    assert_allclose(high.longitudinal / low.longitudinal, 2.0, rtol=1e-14)
-    assert_allclose(high.transverse / low.transverse, 2.0, rtol=1e-14)
-
-
 @given(angle=angles, eta=st.floats(0.0, 4 / 3))
 def test_acoustic_tensor_is_isotropic(angle, eta):
     lattice = gp.ContactLattice.of("triangular", eta)
@@ -94,13 +86,6 @@ def test_rotation_softens_shear():
     assert_allclose(lattice.acoustic_tensor(q)[1, 1] - held[1, 1], -3 / 4 * ETA, rtol=1e-14)
 
 
-def test_moduli_of_the_layer_in_reduced_units():
-    for eta in (0.0, 0.3, ETA, 4 / 3):
-        bulk, shear = math.sqrt(3) / 2, (1 + eta) / 2 * math.sqrt(3) / 2
-        expected = [[bulk + shear, bulk - shear, 0], [bulk - shear, bulk + shear, 0], [0, 0, shear]]
-        assert_allclose(gp.ContactLattice.of("triangular", eta).elastic_tensor(), expected, atol=1e-15)
-
-
 # -- near Gamma -------------------------------------------------------------------------------------------------------
 
 
@@ -115,19 +100,6 @@ def test_acoustic_branches_keep_their_digits(exponent, angle, eta):
     # dispersion takes q^2 times less than one
     assert_allclose(modes.frequencies[0, :2] / q, expected, rtol=4e-15 + q * q)
     assert_allclose(modes.group_velocities[0, :2] @ along, expected, rtol=1e-14 + 3 * q * q)
-
-
-@pytest.mark.parametrize(
-    "lattice", ["kagome", gp.Lattice("pairs", ((2.0, 0.0), (-0.5, math.sqrt(0.75))), ((0, 0), (0.5, 0)))]
-)
-@pytest.mark.parametrize("q", [1e-12, 1e-10, 1e-8])
-def test_acoustic_branches_of_larger_cells_keep_eight_digits(lattice, q):
-    contacts = gp.ContactLattice.of(lattice, ETA)
-    along = np.array([0.6, 0.8])
-    modes = contacts.modes([q * along])
-    expected = np.sort(contacts.sound_velocities(along)[0])
-    assert_allclose(modes.frequencies[0, :2] / q, expected, rtol=1e-12)
-    assert_allclose(modes.group_velocities[0, :2] @ along, expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("eta", [ETA, 0.0])
@@ -149,15 +121,6 @@ def test_dense_eigenvalues_have_no_digit_left_near_gamma(hexagonal):
         dense = np.sqrt(np.abs(np.linalg.eigvalsh(hexagonal.dynamical_matrix(q * along))[:, :2]))
         assert np.min(np.max(np.abs(dense / q / exact - 1), axis=1)) > 0.05
         assert np.max(np.abs(hexagonal.frequencies(q * along)[:, :2] / q / exact - 1)) < 4e-15
-
-
-def test_singular_values_beat_lapack_near_gamma(hexagonal):
-    along = np.array([math.cos(0.3), math.sin(0.3)])
-    rows = hexagonal.compatibility([1e-12 * along])
-    expected = np.sqrt([3 / 8 * (1 + ETA), 9 / 8 * (1 + ETA / 3)])
-    lapack = np.linalg.svd(rows, compute_uv=False)[0, :0:-1] / 1e-12
-    assert np.max(np.abs(lapack / expected - 1)) > 1e-8
-    assert np.max(np.abs(hexagonal.frequencies([1e-12 * along])[0, :2] / 1e-12 / expected - 1)) < 4e-15
 
 
 @pytest.mark.claim("digits-near-gamma", "api-waves")
@@ -446,25 +409,7 @@ def test_prestress_of_other_lattices_against_the_bands(steel, lattice):
         assert_allclose(np.sort([found.longitudinal, found.transverse]), slopes, rtol=1e-8)
 
 
-# -- what is found once -------------------------------------------------------------------------------------------------
-
-
-def test_what_does_not_depend_on_the_load_is_found_once():
-    lattice = gp.ContactLattice.of("kagome", ETA)
-    assert lattice.elastic_tensor() is lattice.elastic_tensor()
-    assert not lattice.elastic_tensor().flags.writeable
-    few = np.array([[1.0, 0.0], [0.6, 0.8]])
-    assert all(one is other for one, other in zip(lattice.sound_velocities(few), lattice.sound_velocities(few), strict=True))
-    for way, velocities in zip(few, lattice.sound_velocities(few)[0], strict=True):
-        assert_allclose(lattice.sound_velocities(way)[0], velocities, rtol=1e-15)
-    # under a prestress that vanishes the general formula gives the same
-    assert_allclose(lattice.elastic_tensor(0.0), lattice.elastic_tensor(), rtol=0.0, atol=1e-15)
-
-
-def test_the_warnings_of_a_state_are_put_in_words_once():
-    state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force([1.0, 1e4])
-    assert gp.validity(state).warnings
-    assert gp.moduli(state).warnings is gp.sound_velocities(state).warnings is gp.validity(state).warnings
+# -- mechanisms -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from granphon.balls.contact_table import find_contacts
 from granphon.balls.lattices import KAGOME, TRIANGULAR
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, select_motions
-from granphon.dynamics.compatibility import GYRATION, Compatibility
+from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.phonons.calculator import contact_blocks
@@ -265,38 +265,6 @@ def test_motions_in_and_out_of_the_plane_are_apart(name, rough):
         assert_allclose(block, lattice.dynamical_matrix(q), atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["triangular", "fcc", "fcc, cubic"])
-def test_sound_of_six_motions_keeps_its_digits_near_gamma(name):
-    lattice = lattice_of(name)
-    d = lattice.positions.shape[1]
-    along = np.array([0.6, 0.8, 0.3])[:d]
-    low, high = lattice.frequencies(np.array([1e-9, 1e-6])[:, None] * along)
-    sound = slice(0, d) if d == 3 else slice(1, 3)  # the flexural branch goes as q^2
-    assert_allclose(low[sound] / 1e-9, high[sound] / 1e-6, rtol=1e-9)
-
-
-# -- chain --------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_a_chain_in_closed_form(dimension):
-    cell = np.eye(dimension)[:1]
-    table = find_contacts(cell, np.zeros((1, dimension)), "chain")
-    x = np.array([1e-9, 0.3, 1.7, 3.0])
-    q, sine, cosine = x[:, None], np.sin(0.5 * x), np.cos(0.5 * x)
-    along = ContactLattice(cell, np.zeros((1, dimension)), table, 0.0, motions=LONGITUDINAL)
-    assert_allclose(along.measure, 1.0, rtol=0)
-    assert_allclose(along.wavevectors([[0.25]]), [[0.5 * math.pi]], rtol=1e-15)
-    assert_allclose(along.frequencies(q)[:, 0], 2.0 * sine, rtol=1e-14)
-    # across the chain displacement and rotation share the one slip, kappa (4 sin^2 + 10 cos^2), and a motion costs nothing
-    every = ContactLattice(cell, np.zeros((1, dimension)), table, SLIP, torsion=TWIST, motions=ALL)
-    squared = every.frequencies(q) ** 2
-    pair = SLIP * (4.0 * sine**2 + cosine**2 / GYRATION**2)
-    expected = np.stack([0.0 * x, 0.0 * x, 4.0 * sine**2, TWIST * 4.0 * sine**2 / GYRATION**2, pair, pair], axis=1)
-    assert_allclose(squared, np.sort(expected, axis=1), atol=1e-13)
-    assert_allclose(every.frequencies(q[:1])[0, 2:4], [1e-9 * math.sqrt(TWIST / GYRATION**2), 1e-9], rtol=1e-12)
-
-
 # -- fcc ----------------------------------------------------------------------------------------------------------------
 
 
@@ -318,22 +286,6 @@ def test_moduli_of_fcc_are_those_of_duffy_and_mindlin(eta):
         expected[i, j, i, j] = expected[i, j, j, i] = (1.0 + eta) / root
         expected[i, i, j, j] = (1.0 - eta) / root
     assert_allclose(c, expected, atol=1e-13)
-
-
-def test_bands_of_fcc_without_friction_in_closed_form():
-    # central forces along [100]: 8 sin^2 and twice 4 sin^2 of q d/(2 sqrt(2))
-    lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), 0.0, motions=ALL)
-    x = np.linspace(0.1, 4.0, 7)
-    squared = lattice.frequencies(x[:, None] * [1.0, 0.0, 0.0]) ** 2
-    sine = np.sin(x / math.sqrt(8.0)) ** 2
-    assert_allclose(squared, sine[:, None] * [4.0, 4.0, 8.0], rtol=1e-13)
-
-
-def test_pure_rotation_of_fcc_at_gamma_in_closed_form():
-    lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), SLIP, motions=ALL)
-    values = lattice.frequencies(np.zeros((1, 3)))[0] ** 2
-    # six contacts a ball of slip -d phi x n: energy kappa d^2 |phi x n|^2 / 2 each, and the sum of 1 - nn is 6 (2/3)
-    assert_allclose(values, [0.0, 0.0, 0.0, *[4.0 * SLIP / GYRATION**2] * 3], atol=1e-12)
 
 
 def test_the_rows_of_a_cell_are_its_compatibility():

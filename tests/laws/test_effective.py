@@ -25,8 +25,7 @@ from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws import effective
 from granphon.laws.averages import Block, PointAverages
-from granphon.laws.effective import EffectiveLaw, effective_curve
-from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE
+from granphon.laws.effective import LEAST_SOLVED_FORCE, VALID_FORCE, EffectiveLaw, effective_curve
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 from tests.conftest import only
 

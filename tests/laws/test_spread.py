@@ -16,7 +16,7 @@ from granphon.balls.distributions import NormalShape, UniformShape
 from granphon.base.errors import InputError, PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
-from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, AveragedLaw, high_pressure_series
+from granphon.laws.spread import AveragedLaw, high_pressure_series
 from tests.conftest import only
 
 SKEW = gp.Discrete([7.998e-3, 8.0e-3, 8.004e-3], [0.5, 0.3, 0.2]).shape
@@ -303,15 +303,6 @@ def test_all_contacts_close_at_high_pressure_and_disorder_fades(name, kind):
     assert np.all(np.diff(closed) > -1e-6)
     assert np.all((closed > 0.0) & (closed < 1.0 + 1e-14))
     assert closed[-1] == pytest.approx(1.0, rel=1e-14)
-
-
-def test_orders_are_the_names_of_the_derivatives():
-    series = high_pressure_series(UniformShape(), 1.0)
-    y = 10.0
-    for order in (ENERGY, FORCE, STIFFNESS, SLOPE):
-        hertz = (0.4 * y**2.5, y**1.5, 1.5 * y**0.5, 0.75 * y**-0.5)[order]
-        assert series.value(y, order) == pytest.approx(hertz, rel=2e-3)
-        assert series.value(y, order) == pytest.approx(hertz * float(series.ratio(np.array(y), order)), rel=1e-15)
 
 
 @pytest.mark.parametrize("few", [1e-3, 1e-6, 1e-8, 1e-12])

@@ -22,7 +22,7 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
 from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, Accuracy, accuracy, compute_form_coefficients
-from granphon.media.candidates import even_shape
+from granphon.media.choice import even_shape
 from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
 from granphon.tradeoffs.ensemble import Moments, observe
@@ -369,7 +369,7 @@ def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
     for media in data["lattices"]["triangular"]["errors"]["uniform"].values():
         for name, rows in media.items():
             media[name] = (0.2 * np.array(rows)).tolist()
-    monkeypatch.setattr("granphon.media.candidates.accuracy", lambda: Accuracy(data))
+    monkeypatch.setattr("granphon.media.choice.accuracy", lambda: Accuracy(data))
     found = [one for one in maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]) if one.medium]
     assert len(found) >= 20
     assert np.mean([one.kept for one in found]) < 0.8

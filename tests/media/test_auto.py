@@ -22,8 +22,7 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.candidates import even_shape
-from granphon.media.choice import MediumChoice, _sort_options, read_medium
+from granphon.media.choice import MediumChoice, even_shape, read_medium, sort_options
 from granphon.media.left_out import expect_shear_deficit
 from granphon.runs.archive import load_sweep
 from granphon.runs.sweep import sweep
@@ -87,7 +86,7 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
     loads = np.array(places) * packing.law.coefficient * packing.width**1.5
     loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
     tolerance = 10.0**exponent
-    options = _sort_options(packing, Load(kind, loads))
+    options = sort_options(packing, Load(kind, loads))
     errors = np.array([one.expected_error(packing, Load(kind, loads)) for one in options])
     within = errors <= tolerance
     medium = gp.AutoMedium(packing, tolerance)
@@ -109,7 +108,7 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
 def test_the_order_is_that_of_cost(rough, unit):
     from granphon.media.cost import estimate
 
-    options = _sort_options(rough, Load("force", [unit]))
+    options = sort_options(rough, Load("force", [unit]))
     assert [one.label for one in options[:3]] == ["ala", "afa", "ema"]
     assert all(one.simulates for one in options[3:])
     seconds = [estimate(one.of(rough), Load("force", [unit])).work for one in options[3:]]
@@ -184,7 +183,7 @@ def test_long_lists_are_simulated_where_that_is_cheaper(unit):
     lot = gp.Measured(tuple((8e-3 + 2e-6 * np.random.default_rng(0).normal(size=300)).tolist()))
     packing = gp.Packing(gp.Material(70e9, 0.28, 2500.0), lot.mean, lot)
     load = packing.law.coefficient * packing.width**1.5
-    labels = [one.label for one in _sort_options(packing, Load("force", [load]))]
+    labels = [one.label for one in sort_options(packing, Load("force", [load]))]
     assert labels[:2] == ["ala", "afa"]
     assert labels.index("ema") > labels.index("simulation(shape=256 256)")
     assert gp.AutoMedium(packing, 1e-3).serving("force", load).simulates
@@ -255,7 +254,7 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
         gp.AutoMedium(rough, 1e-5).choose("force", loads)
     best = min(
-        float(one.expected_error(rough, Load("force", loads[1]))) for one in _sort_options(rough, Load("force", loads))
+        float(one.expected_error(rough, Load("force", loads[1]))) for one in sort_options(rough, Load("force", loads))
     )
     assert f"{best:.2g}, of a simulation of 1,048,576 balls" in str(error.value)
     assert error.value.load_index == 1
@@ -453,7 +452,7 @@ def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit,
     pressure = {"triangular": 3.0**0.5 / d, "fcc": 8.0**0.5 / d**2}[lattice] * unit
     loads = {"force": unit, "pressure": pressure, "overlap": rough.width}[kind]
     loads = loads * (np.array([0.1, 0.3, 0.8]) if kind == "overlap" else np.array([0.06, 0.3, 2.0]))
-    options = _sort_options(packing, Load(kind, loads), truth)
+    options = sort_options(packing, Load(kind, loads), truth)
     errors = np.array([one.expected_error(packing, Load(kind, loads), truth) for one in options])
     media = set()
     for tolerance in (0.2, 0.05, 0.01, 2e-3):

@@ -137,7 +137,7 @@ def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):
     def asked():
         raise AssertionError("nobody asked for an error")
 
-    monkeypatch.setattr("granphon.media.candidates.accuracy", asked)
+    monkeypatch.setattr("granphon.media.choice.accuracy", asked)
     scene = gp.Scene.from_text(
         "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
         "packing: {diameter: 1 mm, spread: {uniform: 0.3 um}}\nload: {force: 1 N}\nmedium: ema\n"

@@ -12,8 +12,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.cli.commands import main
 from granphon.media.choice import MediumChoice
-from granphon.media.left_out import EXACT, LATTICE, choose_geometries, expect_shear_deficit
-from granphon.media.typical_arrays import estimate_open_contacts
+from granphon.media.left_out import EXACT, LATTICE, choose_geometries, estimate_open_contacts, expect_shear_deficit
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 REAL = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))

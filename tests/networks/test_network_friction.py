@@ -1,6 +1,5 @@
 """Prestress of networks whose contacts bear static tangential forces: against LAMMPS' own response, and by hand."""
 
-import ctypes
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InstabilityError
 from granphon.waves.operator import WaveOperator
 from tests import packings
+from tests.networks.test_lammps import measure
 
 GLASS = packings.MATERIAL
 #: dimension, number of balls, filled part of the box before and after it is pressed with friction, seed
@@ -73,33 +73,6 @@ def press(lmp, dimension, count, loose, filled, seed):
         set group all omega 0 0 0""")
 
 
-def measure(lmp, network):
-    """LAMMPS' own response, of balls moved by one step of time at a velocity: it adds up slip along the way."""
-    time, size, p = 1e-12, 5e-11, network.dimension
-    axes = [*range(p), *([3, 4, 5] if p == 3 else [5])]
-    lmp.commands_string(f"{packings.coefficients('mindlin/force NULL 0 1')}\nfix move all nve/sphere\ntimestep {time!r}")
-
-    def go(motion):
-        for name, values in (("v", motion[:, :3]), ("omega", motion[:, 3:])):
-            lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * values.size)(*(values / time).ravel()))
-        lmp.command("run 1 post no")
-        found = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3) for name in ("f", "torque")]
-        return np.hstack(found)[:, axes].ravel()
-
-    columns = []
-    for place in range(network.n_balls * len(axes)):
-        ball, axis = divmod(place, len(axes))
-        motion, step = np.zeros((network.n_balls, 6)), size / (1.0 if axis < p else 1e-3)
-        motion[ball, axes[axis]] = step
-        ahead = go(motion)
-        go(-motion)
-        behind = go(-motion)
-        go(motion)
-        columns.append((behind - ahead) / (2.0 * step))
-    root = np.sqrt(np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel())
-    return np.array(columns).T / root / root[:, None]
-
-
 @pytest.fixture(scope="module", params=list(PACKINGS))
 def pressed(request, tmp_path_factory):
     """A packing that LAMMPS has pressed with friction, and LAMMPS' own response."""
@@ -113,7 +86,7 @@ def pressed(request, tmp_path_factory):
     read = gp.ContactNetwork.from_lammps(
         folder / "atoms.dump", folder / "pairs.dump", GLASS, prestress=True, keep_rattlers=True
     )
-    found = measure(running, read)
+    found = measure(running, read, "mindlin/force NULL 0 1")
     running.close()
     return read, found
 

@@ -247,27 +247,9 @@ def test_cells_of_a_table_that_cannot_be_read(cell, said, tmp_path):
 
 
 WORDS = [
-    "",
-    "nan",
-    "inf",
-    "-1",
-    "0",
-    "1e400",
-    "1e-320",
-    "1e308",
-    "9" * 30,
-    "9" * 5000,
-    "1_0",
-    "\u0663",
-    "\x1b[2J",
-    "1.5",
-    "abc",
-    "ITEM: ATOMS",
-    "\0",
-    "é",
-    "\n",
-    ",",
-]
+    "", "nan", "inf", "-1", "0", "1e400", "1e-320", "1e308", "9" * 30, "9" * 5000, "1_0", "\u0663", "\x1b[2J", "1.5", "abc",
+    "ITEM: ATOMS", "\0", "é", "\n", ",",
+]  # fmt: skip
 
 
 def damage(text, rng):

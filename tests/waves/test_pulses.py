@@ -3,7 +3,6 @@
 import inspect
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from granphon.base.errors import InputError, InstabilityError, UnreachableFreque
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
-from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
+from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulse_source import PulseSource, transmit
 from granphon.waves.pulses import Pulse, average_pulses, find_arrivals
 from granphon.waves.settings import PulseSettings
@@ -147,54 +146,47 @@ def test_long_waves_arrive_alike_by_all_three_readings():
 # -- twins --------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
-def test_signals_and_states_are_those_of_another_integrator(disordered, damping):
-    tau = damping / OMEGA
-    waves = gp.Waves(disordered)
-    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, "transverse", source=[3, 17], ends="periodic", damping=tau,
-                           duration=30.0 / OMEGA, frames=[5.0 / OMEGA, 29.0 / OMEGA])  # fmt: skip
+def integrate(waves, pulse, burst, viscous, times, method="DOP853", rtol=1e-11, atol=1e-15):
+    """Displacements and velocities of all motions at ``times``, mass-weighted, (2, size, n_t), by an integrator of scipy."""
     matrix, size = waves.operator.matrix, waves.operator.size
-    burst, push = ToneBurst(0.5 * HERTZ, 2.0), np.zeros(size)
-    push[[3 * 3, 3 * 17]] = pulse.polarisation[0] / np.sqrt(UNITS.mass)
+    push = np.zeros((waves.network.n_balls, 3))
+    push[pulse.sources, :2] = pulse.polarisation[:2] / np.sqrt(UNITS.mass)
 
     def change(t, state):
         x, v = state[:size], state[size:]
-        return np.concatenate([v, push * burst(np.array(t)) - matrix @ (x + tau * v)])
+        return np.concatenate([v, push.ravel() * burst(np.array(t)) - matrix @ x - viscous @ v])
 
-    few = np.arange(0, pulse.times.size, 10)
-    when = np.concatenate([pulse.times[few], [burst.duration, *pulse.frames]])
-    order = np.argsort(when)
-    method, rtol, atol = ("DOP853", 1e-11, 1e-15) if damping < 1.0 else ("Radau", 1e-8, 1e-12)  # the second one is stiff
-    found = solve_ivp(change, (0.0, pulse.times[-1]), np.zeros(2 * size), method, when[order], rtol=rtol, atol=atol)
+    order = np.argsort(times)
+    found = solve_ivp(change, (0.0, np.max(times)), np.zeros(2 * size), method, times[order], rtol=rtol, atol=atol)
     states = np.empty_like(found.y)
     states[:, order] = found.y
+    return states.reshape(2, size, -1)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
+def test_signals_and_states_are_those_of_another_integrator(disordered, damping):
+    tau = damping / OMEGA
+    waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
+    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, "transverse", source=[3, 17], ends="periodic", damping=tau,
+                           duration=30.0 / OMEGA, frames=[5.0 / OMEGA, 29.0 / OMEGA])  # fmt: skip
+    matrix, few = waves.operator.matrix, np.arange(0, pulse.times.size, 10)
+    when = np.concatenate([pulse.times[few], [burst.duration, *pulse.frames]])
+    # the second one is for stiff equations
+    how = ("DOP853", 1e-11, 1e-15) if damping < 1.0 else ("Radau", 1e-8, 1e-12)
+    displaced, moving = integrate(waves, pulse, burst, tau * matrix, when, *how)
     tolerance = 1e-9 if damping < 1.0 else 1e-6
     largest = np.max(np.abs(pulse.signals))
-    heard = states[size + 3 * pulse.receivers][:, : few.size] * pulse.polarisation[0] / np.sqrt(UNITS.mass)
+    heard = moving[3 * pulse.receivers][:, : few.size] * pulse.polarisation[0] / np.sqrt(UNITS.mass)
     np.testing.assert_allclose(pulse.signals[:, few], heard, atol=tolerance * largest)
-    for frame, state in zip(pulse.velocities, states[size:, few.size + 1 :].T, strict=True):
+    for frame, state in zip(pulse.velocities, moving[:, few.size + 1 :].T, strict=True):
         expected = state.reshape(-1, 3)[:, :2] / np.sqrt(UNITS.mass)
         np.testing.assert_allclose(frame[:, :2], expected, atol=tolerance * np.max(np.abs(expected)))
-    x, v = states[:size, few.size], states[size:, few.size]
+    x, v = displaced[:, few.size], moving[:, few.size]
     assert pulse.energies[0] == pytest.approx(0.5 * (v @ v + x @ (matrix @ x)), rel=10 * tolerance)
-    assert (pulse.loss > 0.02) == (damping > 0.0)
-
-
-def test_energy_is_what_the_source_gives_each_mode_and_stays(disordered):
-    waves = gp.Waves(disordered)
-    pulse = waves.transmit(
-        0.7 * HERTZ, (0, 1), 3.0 * D, 3, ends="periodic", duration=300.0 * 2.0 * np.pi / waves.operator.top
-    )
-    burst = ToneBurst(0.7 * HERTZ, 3.0)
-    squares, vectors = np.linalg.eigh(waves.operator.matrix.toarray())
-    push = np.zeros((disordered.n_balls, 3))
-    push[pulse.sources] = pulse.polarisation / np.sqrt(UNITS.mass)
-    nodes, weights = np.polynomial.legendre.leggauss(120)
-    past = 0.5 * burst.duration * (nodes + 1.0)
-    given = np.exp(1j * np.sqrt(np.maximum(squares, 0.0))[:, None] * past) @ (0.5 * burst.duration * weights * burst(past))
-    expected = 0.5 * np.sum((vectors.T @ push.ravel()) ** 2 * np.abs(given) ** 2)
-    np.testing.assert_allclose(pulse.energies, expected, rtol=1e-11)
-    assert abs(pulse.loss) < 1e-9
+    if damping:
+        assert pulse.loss > 0.02
+    else:
+        assert abs(pulse.loss) < 1e-9
 
 
 def test_source_and_receiver_may_be_exchanged(disordered):
@@ -208,15 +200,6 @@ def test_source_and_receiver_may_be_exchanged(disordered):
     )
     place = int(np.flatnonzero(back.receivers == 12)[0])
     np.testing.assert_allclose(back.signals[place], there.signals[1], atol=1e-12 * np.max(np.abs(there.signals)))
-
-
-def test_nothing_is_heard_before_contacts_could_carry_it(disordered):
-    # n contacts away, the first 2 n powers of the time are missing
-    pulse = gp.Waves(disordered).transmit(0.5 * HERTZ, (0, 1), 5.0 * D, 2, source=0, ends="periodic", duration=40.0 / OMEGA)
-    rows = round(pulse.distance / (D * np.sqrt(0.75)))
-    early = pulse.times < 0.4 * rows / OMEGA
-    assert np.count_nonzero(early) >= 5
-    assert np.max(np.abs(pulse.signals[:, early])) < 1e-6 * np.max(np.abs(pulse.signals))
 
 
 @pytest.mark.parametrize("tau", [0.05, 1.1, 4.0])
@@ -242,38 +225,15 @@ def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus
     more = {"cycles": 2, "ends": "periodic", "duration": 25.0 / OMEGA, "frames": [11.0 / OMEGA]}
     waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
     pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, damping=taus[0] / OMEGA, tangential_damping=taus[1] / OMEGA, **more)
-    operator = WaveOperator(disordered)
+    whole = waves.operator.matrix
     normal = WaveOperator(replace(disordered, shear_stiffness=1e-30 * disordered.shear_stiffness)).matrix
-    viscous = (taus[0] * normal + taus[1] * (operator.matrix - normal)) / OMEGA
-    push = np.zeros((disordered.n_balls, 3))
-    push[pulse.sources] = pulse.polarisation / np.sqrt(UNITS.mass)
-    size = operator.size
-
-    def change(t, state):
-        x, v = state[:size], state[size:]
-        return np.concatenate([v, push.ravel() * burst(np.array(t)) - operator.matrix @ x - viscous @ v])
-
     few = np.arange(0, pulse.times.size, 7)
-    when = np.concatenate([pulse.times[few], pulse.frames])
-    order = np.argsort(when)
-    found = solve_ivp(change, (0.0, np.max(when)), np.zeros(2 * size), "DOP853", when[order], rtol=1e-11, atol=1e-15)
-    states = np.empty_like(found.y)
-    states[:, order] = found.y
-    balls = states[size:].reshape(-1, 3, when.size)[:, 1] / np.sqrt(UNITS.mass)
+    viscous = (taus[0] * normal + taus[1] * (whole - normal)) / OMEGA
+    _, moving = integrate(waves, pulse, burst, viscous, np.concatenate([pulse.times[few], pulse.frames]))
+    balls = moving.reshape(-1, 3, few.size + 1)[:, 1] / np.sqrt(UNITS.mass)
     largest = np.max(np.abs(pulse.signals))
     np.testing.assert_allclose(pulse.signals[:, few], balls[pulse.receivers][:, :-1], atol=1e-9 * largest)
     np.testing.assert_allclose(pulse.velocities[0, :, 1], balls[:, -1], atol=1e-9 * largest)
-
-
-def test_damping_in_spans_agrees_with_that_of_each_mode(disordered):
-    operator, burst, tau = WaveOperator(disordered), ToneBurst(0.5 * HERTZ, 3.0), 0.1 / OMEGA
-    push = np.zeros(operator.size)
-    push[:9] = 1.0
-    times, frames = np.arange(150) * 0.3 / OMEGA, np.array([burst.duration, 44.0 / OMEGA])
-    whole = Propagation(operator, push, burst, times[-1], tau).follow(lambda v: v[30:40], times, frames)
-    spans = ViscousPropagation(operator, push, burst, (tau, tau)).follow(lambda v: v[30:40], times, frames)
-    for one, other in zip(whole, spans, strict=True):
-        np.testing.assert_allclose(other, one, atol=1e-12 * np.max(np.abs(one)))
 
 
 # -- coherent, speckle, samples -----------------------------------------------------------------------------------------
@@ -335,13 +295,6 @@ def test_open_network_has_the_ends_that_it_has():
         opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
 
 
-def test_network_that_would_buckle_is_refused():
-    network = ideal("triangular", (4, 12))
-    pushed = replace(network, normal_force=np.full(network.n_contacts, 0.9 * D * UNITS.stiffness), prestress=True)
-    with pytest.raises(InstabilityError, match="below zero"):
-        gp.Waves(pushed).transmit(0.5 * HERTZ, (0, 1), 4.0 * D)
-
-
 @pytest.mark.parametrize("ends", ["periodic", "free", "walls"])
 @pytest.mark.parametrize("large", [False, True])
 @pytest.mark.parametrize(("lattice", "shape"), [("square", (3, 24)), ("kagome", (3, 16)), ("sc", (3, 3, 16))])
@@ -358,15 +311,6 @@ def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, lar
                 waves.transmit(12e3, along, 0.03, 1, ends=ends)
         else:
             assert np.isfinite(waves.transmit(12e3, along, 0.03, 1, ends=ends, duration=1e-4).energies).all()
-
-
-def test_frames_are_the_signals_at_their_times():
-    pulse = gp.Waves(ideal("triangular", (2, 30))).transmit(0.5 * HERTZ, (0, 1), 8.0 * D, 2)
-    moments = pulse.times[[30, 80]]
-    again = gp.Waves(ideal("triangular", (2, 30))).transmit(0.5 * HERTZ, (0, 1), 8.0 * D, 2, frames=moments)
-    np.testing.assert_allclose(
-        again.velocities[:, again.receivers, 1].T, pulse.signals[:, [30, 80]], atol=1e-12 * np.max(np.abs(pulse.signals))
-    )
 
 
 # -- planes -------------------------------------------------------------------------------------------------------------
@@ -601,12 +545,6 @@ def test_numbers_that_no_pulse_has_are_refused(given, wrong):
         waves.transmit(**({"frequency": 0.5 * HERTZ, "direction": (0, 1), "distance": 8 * D} | given))
 
 
-def test_faintest_damping_is_none():
-    waves = gp.Waves(ideal("triangular", (2, 12)))
-    still, faint = (waves.transmit(0.5 * HERTZ, (0, 1), 4 * D, 1, tangential_damping=tau) for tau in (None, 5e-324))
-    np.testing.assert_allclose(faint.signals, still.signals, atol=1e-12 * np.max(np.abs(still.signals)))
-
-
 @pytest.mark.parametrize(
     ("args", "options", "wrong"),
     [
@@ -642,7 +580,7 @@ def test_network_that_is_not_joined_is_refused():
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
 def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
@@ -663,13 +601,3 @@ def test_transmit_takes_the_arguments_of_a_sending():
     assert all(own.parameters[name].default == one.default for name, one in given.items())
     assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY
     assert own.return_annotation == "Pulse"
-
-
-@pytest.mark.parametrize("phase", [10.0, 1e3, 3e4, 3e5])
-def test_a_long_record_takes_the_polynomials_that_bessel_functions_ask_for(phase):
-    """Without damping cos(phase sqrt((1 + y)/2)) has the coefficients 2 (-1)^n J_2n(phase)."""
-    order = Propagation(SimpleNamespace(top=1.0), np.ones(1), ToneBurst(1.0, 4.0), phase).order
-    beyond = np.arange(order, order + 1000)
-    rounding = np.finfo(float).eps * phase
-    assert np.sum(2.0 * np.abs(jv(2.0 * beyond, phase))) < 1e-13 + rounding
-    assert order < 0.5 * phase + 5.0 * np.cbrt(phase) + 12.0

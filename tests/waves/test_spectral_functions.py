@@ -306,13 +306,6 @@ def test_dos_of_a_large_array_is_that_of_its_bands():
     assert np.mean(inside) > 0.94
 
 
-def test_dos_without_rotations_has_none():
-    _, network = ideal(eta=0.0)
-    dos = gp.Waves(network).dos(moments=30, vectors=2)
-    assert not np.any(dos.rotational)
-    assert dos.integral == pytest.approx(2.0, rel=1e-12)
-
-
 def test_dos_near_zero_frequency_is_debyes():
     """In the plane the density is proportional to the frequency near zero; polynomials of omega^2 would not resolve that."""
     lattice, network = ideal(shape=(80, 80))
@@ -396,17 +389,6 @@ def test_ideal_array_has_the_lines_of_its_bands(name, shape, motions):
     np.testing.assert_allclose(found.values[0], exact, atol=1e-9 * exact.max())
     assert not found.resolved[0]
     assert found.width[0] <= 0.02 * found.resolution
-
-
-def test_chain_has_one_line():
-    lattice, network = ideal("chain", (20,), 0.0)
-    q = q_of(lattice, np.arange(1, 11)[:, None] / 20)
-    found = gp.Waves(network).spectral_function(q, moments=400)
-    band = 2 * np.sin(0.5 * q[:, 0] * UNITS.length) * UNITS.frequency
-    np.testing.assert_allclose(found.peak[:-1], band[:-1], atol=0.05 * found.resolution)
-    np.testing.assert_allclose(found.phase_velocity[:-1], 2 * np.pi * band[:-1] / q[:-1, 0], rtol=1e-2)
-    # the sum over all q and polarisations is the density of states
-    assert np.all(found.mean_free_path[:-1] > 1e3 * UNITS.length)
 
 
 def test_transverse_waves_in_space_are_two():
@@ -549,13 +531,6 @@ def test_width_of_a_line_is_found_without_that_of_the_kernel(width, accuracy):
     assert true_width(seen, own)[0] == pytest.approx(width, rel=accuracy)
 
 
-def test_true_width_undoes_the_broadening():
-    for own in (0.3, 1.0, 4.0):
-        seen = 0.465 * own + math.sqrt((0.535 * own) ** 2 + 1.0)
-        assert true_width(np.array([seen]), np.array([1.0]))[0] == pytest.approx(own, rel=1e-12)
-    assert true_width(np.array([0.9, 1.0]), np.array([1.0, 1.0])).tolist() == [0.0, 0.0]
-
-
 def of_lines(peaks, widths, moments=300):
     """A spectral function with Lorentz curves, at wave vectors on a straight band."""
     kernel = Kernel(30e3, moments)
@@ -687,17 +662,6 @@ def test_wave_in_a_network_of_no_lattice_has_the_length_of_its_wave_vector(disor
     assert found.shortest is None
     np.testing.assert_allclose(found.wavenumber, np.linalg.norm(q), rtol=1e-14)
     assert whole.spectral_function(q, moments=64).wavenumber < found.wavenumber
-
-
-def test_disorder_broadens_lines(disordered):
-    """The shorter the wave, the more it scatters."""
-    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    waves = gp.Waves(gp.DirectSimulation(packing, shape=(32, 32), seed=1, geometry="lattice").at_force(1.0).sample)
-    q = waves.nearest_wavevectors([[0.0, 30.0], [0.0, 110.0], [0.0, 220.0]])
-    found = waves.spectral_function(q, resolution=200.0)
-    assert found.width[0] < found.width[1] < found.width[2]
-    assert found.mean_free_path[0] > found.mean_free_path[1] > found.mean_free_path[2]
-    assert found.resolved[2]
 
 
 def test_average_over_arrays():
