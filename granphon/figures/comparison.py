@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from granphon.figures.scales import add_legend
@@ -25,16 +25,17 @@ from granphon.base.scales import HertzPrefix
 from granphon.figures.curves import (
     MOST_LOOKS,
     Curve,
+    describe_lines,
     draw_curve,
+    find_load,
     label_axes,
     make_handle,
     make_looks,
     make_outside,
     make_serving,
-)
+)  # fmt: skip
 from granphon.figures.runs import Run, choose_axes, read_points, require_one_axis
 from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
-from granphon.figures.sweep_lines import describe_lines, find_load
 from granphon.figures.words import find_differing, join_facts, write_value
 from granphon.figures.zones import name_corners
 from granphon.fits.measurements import Measurements
@@ -50,12 +51,8 @@ _HEIGHT = 2.5
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """What the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words."""
-
-    handles: list[Line2D]
-    common: list[str]
+#: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words
+_Drawn = tuple[list[Line2D], list[str]]
 
 
 def plot_together(
@@ -94,13 +91,13 @@ def plot_together(
     InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the units differ, or some are
         bands and others are not; the error names them. Data that are no velocities, or whose loads cannot be converted.
     """
-    drawn = _draw(results, ax, x, y, data, balls_per_side)
+    handles, common = _draw(results, ax, x, y, data, balls_per_side)
     if legend:
-        ax.legend(handles=drawn.handles, handlelength=_find_length(drawn.handles))
+        ax.legend(handles=handles, handlelength=_find_length(handles))
         size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
         figure: Any = ax.get_figure()
         points = 72.0 * figure.get_figwidth() * ax.get_position().width
-        ax.set_title(join_facts(drawn.common, max(20, int(points / (_LETTER * size)))), fontsize=size)
+        ax.set_title(join_facts(common, max(20, int(points / (_LETTER * size)))), fontsize=size)
     return ax
 
 
@@ -113,12 +110,12 @@ def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: boo
     """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((COLUMN_WIDTH, _HEIGHT), dpi=DPI, layout="constrained")
-        drawn = _draw(results, figure.subplots(), **options)
+        handles, common = _draw(results, figure.subplots(), **options)
         if not legend:
             return figure
-        title = join_facts(drawn.common, _TITLE_LETTERS)
+        title = join_facts(common, _TITLE_LETTERS)
         lines = 1 + title.count("\n") if title else 0
-        add_legend(figure, drawn.handles, -lines, handlelength=_find_length(drawn.handles))
+        add_legend(figure, handles, -lines, handlelength=_find_length(handles))
         if title:
             figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
     return figure
@@ -139,8 +136,12 @@ def _draw(
     asked = x is not None or y is not None or bool(given)
     if not asked and all(run.bands is not None for run in runs):
         return _draw_bands(runs, ax)
-    if not asked and all(run.dos is not None for run in runs):
-        return _draw_dos(runs, ax)
+    if not asked and (dos := [run.dos for run in runs if run.dos is not None]) and len(dos) == len(runs):
+        unit = HertzPrefix.for_top(max(float(one.frequencies.max()) for one in dos))
+        drawn = _draw_spectra(runs, ax, "dos", [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos])
+        name = print_hertz(unit)
+        ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
+        return drawn
     across, along = choose_axes(runs, x, y)
     curves = [curve for run in runs for curve in run.find_curves(across, along)]
     measured = [read_points(one, runs, across, along, balls_per_side) for one in given]
@@ -149,22 +150,6 @@ def _draw(
 
 
 # -- curves ---------------------------------------------------------------------------------------------------------
-
-
-def _join_points(curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curves with single states of the same facts joined; curves that are the same get the names of runs."""
-    joined, single = list[Curve](), set[int]()
-    for curve in curves:
-        alike = [n for n, other in enumerate(joined) if other.facts == curve.facts and other.units == curve.units]
-        alike = [n for n in alike if curve.x.size == 1 and n in single]
-        if alike:
-            other = joined[alike[0]]
-            joined[alike[0]] = replace(other.merge(curve), run=f"{other.run}, {curve.run}")
-        else:
-            single |= {len(joined)} if curve.x.size == 1 else set()
-            joined.append(curve)
-    double = [curve for curve in joined if sum(other.facts == curve.facts for other in joined) > 1]
-    return [replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in joined]
 
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
@@ -199,7 +184,20 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
 
 
 def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    models = _join_points([curve for curve in found if not curve.measured])
+    """Draw curves, those that are measured as points; single states of the same facts are one curve of points."""
+    models, single = list[Curve](), set[int]()
+    for curve in (one for one in found if not one.measured):
+        alike = [n for n, other in enumerate(models) if other.facts == curve.facts and other.units == curve.units]
+        alike = [n for n in alike if curve.x.size == 1 and n in single]
+        if alike:
+            other = models[alike[0]]
+            models[alike[0]] = replace(other.merge(curve), run=f"{other.run}, {curve.run}")
+        else:
+            single |= {len(models)} if curve.x.size == 1 else set()
+            models.append(curve)
+    # curves that are the same get the names of their runs
+    double = [curve for curve in models if sum(other.facts == curve.facts for other in models) > 1]
+    models = [replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in models]
     points = [curve for curve in found if curve.measured] + measured
     if len(models) > MOST_LOOKS:
         what = f"{len(models)} curves are too many to be told apart"
@@ -223,14 +221,14 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         handles.append(make_outside(all(curve.as_points for curve in models)))
     handles += make_serving(models) + headed
     label_axes(ax, [*models, *points], x, y)
-    return _Drawn(handles, common)
+    return handles, common
 
 
 # -- bands, and densities of states ---------------------------------------------------------------------------------
 
 
-def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
-    """Return the label of each run of bands or densities, and what all share."""
+def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]) -> _Drawn:
+    """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
     facts = []
     for run in runs:
         told = {"name": run.name} if run.named else {}
@@ -248,24 +246,16 @@ def _describe_spectra(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
     ]
     differing, common = find_differing(facts)
     labels = [
-        join_facts(
-            [one["name"]] if "name" in one else [one[kind] for kind in differing if kind in one] or [run.name], _LETTERS
-        )
+        join_facts([one["name"]] if "name" in one else [one[k] for k in differing if k in one] or [run.name], _LETTERS)
         for run, one in zip(runs, facts, strict=True)
     ]
-    return labels, common if len(runs) > 1 else []
-
-
-def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]) -> _Drawn:
-    """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
-    labels, common = _describe_spectra(runs)
     handles = []
     for n, (parts, look, label) in enumerate(zip(lines, make_looks(len(runs)), labels, strict=True)):
         dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
         for x, y in parts:
             ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
         handles.append(Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes))
-    return _Drawn(handles, common)
+    return handles, common if len(runs) > 1 else []
 
 
 def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
@@ -284,16 +274,4 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
     drawn = _draw_spectra(runs, ax, "bands", lines)
     name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
-    return drawn
-
-
-def _draw_dos(runs: Sequence[Run], ax: Axes) -> _Drawn:
-    """Draw densities of states one over the other, a colour for each run."""
-    every = [run.dos for run in runs if run.dos is not None]
-    unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in every))
-    lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in every]
-    name = print_hertz(unit)
-    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
-    drawn = _draw_spectra(runs, ax, "dos", lines)
-    ax.set(xlim=(0.0, None), ylim=(0.0, None))
     return drawn

@@ -1,10 +1,14 @@
-"""One line, or set of points, of a figure over the load: what it is in words, its values, and how it is drawn."""
+"""Curves of figures over the load: how a data set holds them, what they are in words, and how they are drawn.
+
+A data set of a sweep has a curve for each medium, combination of parameters and direction.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 from granphon.figures.scales import name_axis, scale_axis
 
@@ -13,11 +17,25 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from granphon.figures.style import COLOURS
-from granphon.figures.words import MEDIA
+from granphon.balls.lattices import find_lattice
+from granphon.balls.packing import Packing
+from granphon.base.errors import FigureError, InputError, message
+from granphon.base.quantities import LOADS
+from granphon.base.results import restore
+from granphon.figures.style import COLOURS, readable_unit
+from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
+from granphon.media.choice import AutoMedium
+from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import axis_label
+from granphon.runs.dataset import list_finite_overlap
+
+if TYPE_CHECKING:
+    from granphon.runs.dataset import Dataset
+
 
 Array = NDArray[np.float64]
+#: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
+_LARGEST = 1e280
 #: dashes of lines that have the same colour, the first solid; none is that of a line outside its range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
 #: marks of points that have the same colour
@@ -73,16 +91,8 @@ class Curve:
     simulated: NDArray[np.bool_]
     served: tuple[str, ...] = ()
     units: tuple[str, str] = ("", "")
-    measured: bool = field(default=False)
-    path: bool = field(default=False)
-
-    @classmethod
-    def of_points(cls, run: str, facts: dict[str, str], x: Any, y: Any, error: Any) -> Curve:
-        """Make the curve of measured points from numbers or arrays, sorted by x; errors are nan where there is none."""
-        across, along = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
-        every = np.ones(across.shape, bool)
-        spread = np.broadcast_to(np.asarray(error, float), across.shape)
-        return cls(run, facts, across, along, spread, every, every, measured=True).sorted()
+    measured: bool = False
+    path: bool = False
 
     def sorted(self) -> Curve:
         """Return the same curve in order of x; a path keeps its own."""
@@ -139,7 +149,10 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
         thin, solid = style | _OUTSIDE, style | {"linewidth": 0.8 if curve.served else look.width}
         if look.dashes:  # through whose gaps a thin line below would be seen
             solid |= {"dashes": look.dashes}
-            ax.plot(curve.x, np.where(_find_outside(curve.valid), curve.y, np.nan), gid=f"{gid}-outside", **thin)
+            outside = ~curve.valid  # and the ends of these stretches, from which their lines go
+            outside[1:] |= ~curve.valid[:-1]
+            outside[:-1] |= ~curve.valid[1:]
+            ax.plot(curve.x, np.where(outside, curve.y, np.nan), gid=f"{gid}-outside", **thin)
             thin = {"linestyle": "none"}
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **thin)
     ax.plot(curve.x, np.where(curve.valid, curve.y, np.nan), gid=f"{gid}-valid", **solid)
@@ -147,32 +160,18 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     if curve.path and np.any(falls):
         fallen = solid | {"marker": "v", "markersize": _FALL_SIZE}
         ax.plot(curve.x[falls], np.where(curve.valid, curve.y, np.nan)[falls], gid=f"{gid}-falling", **fallen)
-    if curve.served:
-        _mark_media(ax, curve, look, gid)
-
-
-def _find_outside(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a medium is not valid, and the ends of these stretches, from which their lines go."""
-    outside = ~valid
-    outside[1:] |= ~valid[:-1]
-    outside[:-1] |= ~valid[1:]
-    return outside
-
-
-def _mark_media(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
-    """Mark on the curve of an automatic medium which medium served where: the ends of its loads, and some between."""
-    n = curve.x.size
-    named = np.array([one.partition("(")[0] for one in curve.served])
-    step = max(1, -(-n // _MOST_MARKS))
+    # on an automatic medium, which medium served where: the ends of its loads, and some between
+    n, named = curve.x.size, np.array([one.partition("(")[0] for one in curve.served])
     change = np.flatnonzero(named[1:] != named[:-1])
-    shown = np.isin(np.arange(n), np.concatenate([np.arange(0, n, step), change, change + 1, [n - 1]])) | curve.simulated
+    some = np.concatenate([np.arange(0, n, max(1, -(-n // _MOST_MARKS))), change, change + 1, [n - 1]])
+    shown = np.isin(np.arange(n), some) | curve.simulated
     for name in dict.fromkeys(named.tolist()):
         for valid in (True, False):
             there = shown & (named == name) & (curve.valid == valid)
-            style: dict[str, Any] = {"color": look.colour, "markersize": _SERVING_SIZE, "linestyle": "none"}
-            style |= {} if valid else _HOLLOW
+            marks: dict[str, Any] = {"color": look.colour, "markersize": _SERVING_SIZE, "linestyle": "none"}
+            marks |= {} if valid else _HOLLOW
             if np.any(there):
-                ax.plot(curve.x[there], curve.y[there], _SERVING.get(name, "o"), gid=f"{gid}-served-{name}", **style)
+                ax.plot(curve.x[there], curve.y[there], _SERVING.get(name, "o"), gid=f"{gid}-served-{name}", **marks)
 
 
 def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
@@ -205,3 +204,147 @@ def make_serving(curves: Iterable[Curve]) -> list[Line2D]:
         Line2D([], [], marker=_SERVING.get(name, "o"), label=f"{MEDIA.get(name, name)} served", **style)
         for name in sorted(names, key=list(MEDIA).index)
     ]
+
+
+# -- the curves of a data set
+
+
+def find_load(dataset: Dataset) -> str:
+    """Return the name of the load that was given: a coordinate along the loads."""
+    return next((str(name) for name in LOADS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
+
+
+def is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
+    """Return whether the medium at ``index`` is a simulation, by its label."""
+    return _name_medium(dataset, index) == DirectSimulation.name
+
+
+def drop_directions(dataset: Dataset, variable: str) -> Dataset:
+    """Return the sweep without its directions, if a variable is the same in all: its lines are those of the media."""
+    same = variable in dataset and "direction" not in dataset[variable].dims
+    return dataset.drop_dims("direction", errors="ignore") if same else dataset
+
+
+def read_values(dataset: Dataset, name: str) -> Any:
+    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
+    if name not in dataset.variables:
+        known = ", ".join(map(str, dataset.data_vars))
+        raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
+    values = dataset[name]
+    extra = set(values.dims) - {"load", "medium", *list_parameters(dataset)}
+    if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
+        raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
+    if not np.any(np.isfinite(values)):
+        raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
+    sizes = np.abs(np.asarray(values, float))
+    far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
+    if np.any(far):
+        what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
+        why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
+        raise FigureError(message(what, why, "Draw another variable"))
+    return values
+
+
+def pick_evenly(count: int, most: int) -> list[int]:
+    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
+    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+    return chosen
+
+
+def list_parameters(dataset: Dataset) -> list[str]:
+    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
+    along = ("direction",) * ("direction" in dataset.dims)
+    return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
+
+
+def list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
+    """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
+    names = list_parameters(dataset)
+    words = {name: [f"{name.replace('_', ' ')} {label}" for label in write_labels(dataset, name)] for name in names}
+    several = [name for name in names if dataset.sizes[name] > 1]
+    places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
+    return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
+
+
+def write_labels(dataset: Dataset, name: str) -> list[str]:
+    """Return the names of the values of a dimension in a legend."""
+    values = np.atleast_1d(dataset[name].values).tolist()
+    if name == "medium":
+        return _write_media(dataset)
+    if not all(isinstance(value, float) for value in values):
+        return [str(value) for value in values]
+    number, unit = readable_unit(max(map(abs, values)), dataset[name].attrs.get("units", ""))
+    return [f"{value / number:.4g} {unit}".rstrip() for value in values]
+
+
+def read_packing(dataset: Dataset) -> Packing | None:
+    """Return the packing whose parameters a sweep varies; None if the data set does not tell it."""
+    told = dataset.attrs.get("packing")
+    found: Packing | None = None if told is None else restore(json.loads(told), Packing, "the packing of the sweep")
+    return found
+
+
+def read_curve(
+    dataset: Dataset, variable: str, x: str, index: dict[str, int], run: str = "", facts: dict[str, str] | None = None
+) -> Curve:
+    """Return the curve of a variable over ``x`` at an index of each dimension besides the load."""
+
+    def take(values: Any) -> Any:
+        return np.asarray(values.isel(index, missing_dims="ignore"))
+
+    across, along = read_values(dataset, x), read_values(dataset, variable)
+    error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
+    served: tuple[str, ...] = ()
+    if _name_medium(dataset, index) == AutoMedium.name and "choice" in dataset:
+        served = tuple(map(str, take(dataset["choice"]).tolist()))
+    horizontal = take(across).astype(float)
+    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served] or is_simulated(dataset, index)
+    simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
+    units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
+    options: dict[str, Any] = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
+    return Curve(
+        run, facts or {}, horizontal, take(along).astype(float), take(error).astype(float), take(dataset["valid"]),
+        np.broadcast_to(np.asarray(simulated, bool), horizontal.shape), served, (units[0], units[1]),
+        path=bool(options.get("ordered")),
+    ).sorted()  # fmt: skip
+
+
+def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
+    """Return for each line of a variable what it is, in words by kind, and its index in each dimension besides the load."""
+    packing = read_packing(dataset)
+    finite = list_finite_overlap(dataset)
+    base = {} if packing is None else list_facts(packing)
+    found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
+    if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
+        base["direction"] = f"along {dataset['direction'].item()}"
+    for place in np.ndindex(*(dataset.sizes[name] for name in names)):
+        at = dict(zip(names, place, strict=True))
+        facts = dict(base)
+        for name, number in at.items():
+            value = dataset[name].values[number]
+            value = value.item() if hasattr(value, "item") else value
+            told = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
+            facts[told[0]] = told[1]
+        for m, medium in enumerate(media):
+            overlap = {} if packing is None else {"overlap": describe_overlap(finite[m])}
+            found.append((facts | overlap | {"medium": medium}, at | {"medium": m}))
+    return found
+
+
+def _name_medium(dataset: Dataset, index: dict[str, int]) -> str:
+    """Return the name of the medium at ``index``, by its label."""
+    return str(np.atleast_1d(dataset["medium"].values)[index["medium"]]).partition("(")[0]
+
+
+def _write_media(dataset: Dataset) -> list[str]:
+    """Return the media of a sweep in words; cells of a lattice that is not told, or varied, are called cells."""
+    packing = read_packing(dataset)
+    periods, balls = (2, 2) if packing is None else (packing.structure.periods, packing.structure.n_balls)
+    if "lattice" in dataset.coords and packing is not None:
+        names = [str(name) for name in np.atleast_1d(dataset["lattice"].values)]
+        try:
+            lattices = [find_lattice(name) for name in names]
+            periods, balls = lattices[0].periods, max(one.n_balls for one in lattices)
+        except InputError:  # a lattice of the user's own
+            balls = 2
+    return [describe_medium(str(label), periods, balls) for label in np.atleast_1d(dataset["medium"].values).tolist()]

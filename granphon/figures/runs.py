@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from granphon.balls.loads import force_of_frame
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import closest
-from granphon.figures.curves import Curve
+from granphon.figures.curves import Curve, describe_lines, find_load, list_parameters, read_curve
 from granphon.figures.fits import write_width
-from granphon.figures.sweep_lines import describe_lines, find_load, list_parameters, read_curve
 from granphon.figures.words import write_value
 from granphon.fits.fit import WidthFit
 from granphon.fits.measurements import Measurements
@@ -151,39 +150,25 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         why = f"{other.name} is {other.what}: they cannot share an axis" if other else "There is nothing over a load"
         raise InputError(message(what, why, "Draw them in figures of their own"))
     common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
-    return _choose_load(runs, x, common), _choose_quantity(runs, y, common)
-
-
-def _list(runs: Sequence[Run]) -> str:
-    """Return the names of runs in words."""
-    return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
-
-
-def _choose_load(runs: Sequence[Run], x: str | None, common: Sequence[str]) -> str:
-    """Return the name of the load on the axis; :class:`InputError` if there is no such load, or a run does not have it."""
     if x is None:
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
-        return loads.pop() if len(loads) == 1 else "force"
-    name = x.strip().lower().replace(" ", "_")
-    if name not in _LOADS:
-        meant = closest(name, _LOADS)
-        mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(_LOADS)
-        raise InputError(message(f"{x!r} is no load", mend=mend))
-    if without := [run for run in runs if name not in run.quantities]:
-        what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {name}"
-        held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
-        raise InputError(message(what, "The runs cannot share that axis", f"Use {held}"))
-    return name
-
-
-def _choose_quantity(runs: Sequence[Run], y: str | None, common: Sequence[str]) -> str:
-    """Return the name of the quantity that is drawn; :class:`InputError` if there is none such, or a run lacks it."""
+        load = loads.pop() if len(loads) == 1 else "force"
+    else:
+        load = x.strip().lower().replace(" ", "_")
+        if load not in _LOADS:
+            meant = closest(load, _LOADS)
+            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(_LOADS)
+            raise InputError(message(f"{x!r} is no load", mend=mend))
+        if without := [run for run in runs if load not in run.quantities]:
+            what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
+            held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
+            raise InputError(message(what, "The runs cannot share that axis", f"Use {held}"))
     if y is None:
         if (first := next((name for name in _FIRST if name in common), None)) is not None:
-            return first
+            return load, first
         each = ", ".join(f"{run.name} {run.what}" for run in runs)
-        other = next((name for name in common if name not in _LOADS and not name.endswith("_error")), None)
-        mend = f"Name a quantity that all hold, as --y {other} (y={other!r})" if other else "Draw each by itself"
+        first = next((one for one in common if one not in _LOADS and not one.endswith("_error")), None)
+        mend = f"Name a quantity that all hold, as --y {first} (y={first!r})" if first else "Draw each by itself"
         what = f"{_list(runs)} cannot share an axis: no velocity is in all"
         what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
         raise InputError(message(what, f"Found {each}", mend))
@@ -194,7 +179,12 @@ def _choose_quantity(runs: Sequence[Run], y: str | None, common: Sequence[str]) 
         what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
         why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
         raise InputError(message(what, why, "Draw another quantity, or leave these runs out"))
-    return name
+    return load, name
+
+
+def _list(runs: Sequence[Run]) -> str:
+    """Return the names of runs in words."""
+    return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
 
 
 def require_one_axis(curves: Sequence[Curve], x: str, y: str) -> None:
@@ -249,4 +239,6 @@ def read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | No
     if given.frequency is not None:
         frequency = np.unique(given.frequency)
         facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}" if frequency.size == 1 else "pulses"
-    return Curve.of_points(name, facts, _find_ratio(runs, x) * given.force, given.velocity, sigma)
+    across = _find_ratio(runs, x) * given.force
+    spread, every = np.broadcast_to(np.asarray(sigma, float), across.shape), np.ones(across.shape, bool)
+    return Curve(name, facts, across, given.velocity, spread, every, every, measured=True).sorted()

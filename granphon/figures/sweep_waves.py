@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.figures.curves import find_load, list_combinations, pick_evenly, write_labels
 from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
-from granphon.figures.sweep_lines import find_load, list_combinations, pick_evenly, write_labels
 from granphon.figures.zones import name_corners
 
 if TYPE_CHECKING:

@@ -19,18 +19,23 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from granphon.figures.curves import POINTS, Look, draw_curve, label_axes, make_outside, make_serving
-from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
-from granphon.figures.sweep_lines import (
+from granphon.figures.curves import (
+    POINTS,
+    Look,
+    draw_curve,
     drop_directions,
     find_load,
     is_simulated,
+    label_axes,
     list_combinations,
+    make_outside,
+    make_serving,
     pick_evenly,
     read_curve,
     read_values,
     write_labels,
-)
+)  # fmt: skip
+from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
 from granphon.figures.words import join_facts
 from granphon.observables.catalogue import CATALOGUE
 
@@ -135,18 +140,6 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
     return lines
 
 
-def _name_transverse(dataset: Dataset) -> list[Line2D]:
-    """Return the entries of the legend that tell the slow transverse wave from the fast one."""
-    points = all(is_simulated(dataset, {"medium": m}) for m in range(dataset.sizes["medium"]))
-    entries = []
-    for name, dashes in ((_SLOW, _SLOW_DASHES), ("transverse_fast", None)):
-        style: dict[str, Any] = {"linewidth": 1.2} | ({"dashes": dashes} if dashes else {})
-        if points:
-            style = {"marker": _MARKERS[name]} | POINTS
-        entries.append(Line2D([], [], color="0.3", label=_VELOCITIES[name], **style))
-    return entries
-
-
 def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
 
@@ -195,21 +188,25 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         for ax in axes:
             ax.margins(x=0.08)
         handles, media = _make_legend(dataset), write_labels(dataset, "medium")
-        if variable is None and _SLOW in velocities:
-            handles += _name_transverse(dataset)
+        points = all(is_simulated(dataset, {"medium": m}) for m in range(dataset.sizes["medium"]))
+        # what tells the slow transverse wave from the fast one
+        for name in (_SLOW, "transverse_fast") if variable is None and _SLOW in velocities else ():
+            style: dict[str, Any] = {"linewidth": 1.2} | ({"dashes": _SLOW_DASHES} if name == _SLOW else {})
+            style = {"marker": _MARKERS[name]} | POINTS if points else style
+            handles.append(Line2D([], [], color="0.3", label=_VELOCITIES[name], **style))
         if variable is None and _PULSE in velocities:
             label = _VELOCITIES[_PULSE]
             handles.append(Line2D([], [], color="0.3", marker=_MARKERS[_PULSE], label=label, **POINTS))
-        title = _break_lines(media[0]) if len(media) == 1 and handles[0].get_label() != media[0] else None
-        for handle in handles:
-            handle.set_label(_break_lines(str(handle.get_label())))
-        add_legend(figure, handles, _LEGEND_ROWS, title)
+        alone = len(media) == 1 and handles[0].get_label() != media[0]
+        # in lines for which a column has room
+        title, *labels = (
+            label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
+            for label in (media[0], *(str(handle.get_label()) for handle in handles))
+        )
+        for handle, label in zip(handles, labels, strict=True):
+            handle.set_label(label)
+        add_legend(figure, handles, _LEGEND_ROWS, title if alone else None)
     return figure
-
-
-def _break_lines(label: str) -> str:
-    """Return a label in lines for which a column has room."""
-    return label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
 
 
 def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str, str]) -> None:

@@ -26,7 +26,7 @@ from granphon.base.staging import write_text
 from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
 from granphon.base.validation import require, truth
-from granphon.fits.goodness import Goodness, compute_leverages, compute_probability
+from granphon.fits.goodness import are_errors_known, compute_leverages, compute_probability, find_warnings
 from granphon.fits.least_squares import FitProblem, explain_undetermined, find_best, find_covariance
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves
@@ -262,28 +262,31 @@ def fit_width(
     problem, logs = find_best(problem)
     waves = problem.model.waves  # the geometry of samples is settled, and with it whether overlap is finite
     if data.sigma is None:
-        problem = problem.with_scatter(logs)
+        # numbers in double precision scatter by their rounding at least
+        off, least = problem(logs)[0], np.finfo(float).eps * float(np.max(data.velocity))
+        problem = replace(problem, sigma=np.full(off.shape, max(math.sqrt(float(off @ off) / problem.dof), least)))
     residuals, matrix = problem(logs)
     covariance, step = find_covariance(problem, logs, residuals, matrix)
     errors = np.sqrt(np.diag(covariance))
     # where the given sigma is smaller than the scatter, the step is compared with errors that the scatter would give
-    scatter = max(1.0, math.sqrt(float(residuals @ residuals) / max(problem.dof, 1)))
+    chi2, given = float(residuals @ residuals), data.sigma is not None
+    scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
     fitted, values = problem.model.fit_packing(logs), np.exp(logs)
-    found = Goodness(
-        names, errors, data.force, data.velocity, residuals, compute_leverages(matrix), problem.sigma,
-        data.sigma is not None, problem.model.equal_balls(logs)[0],
+    warnings = find_warnings(
+        names, errors, data.force, data.velocity, residuals, compute_leverages(matrix), problem.sigma, given,
+        problem.model.equal_balls(logs)[0],
     )  # fmt: skip
-    if not found.errors_are_known:
+    if not are_errors_known(given, problem.sigma, data.velocity):
         covariance = np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
     loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.is_sampled else data.force
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
         fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
-        problem.sigma, found.given, data.velocity - residuals * problem.sigma, found.chi2, found.dof,
-        (*found.warnings, *validity(state).warnings),
+        problem.sigma, given, data.velocity - residuals * problem.sigma, chi2 if given else float(problem.dof), problem.dof,
+        (*warnings, *validity(state).warnings),
     )  # fmt: skip
 
 

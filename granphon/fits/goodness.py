@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,11 +48,18 @@ def find_rounding(values: Array) -> float:
     return _FINEST_ROUNDING * largest
 
 
-@dataclass(frozen=True)
-class Goodness:
-    """What a fit is judged by.
+def are_errors_known(given: bool, sigma: Array, velocity: Array) -> bool:
+    """Return whether standard errors rest on a ``given`` sigma, m/s, or on more scatter than the rounding of the data."""
+    return given or float(sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(velocity)
 
-    Attributes
+
+def find_warnings(
+    names: Sequence[str], errors: Array, force: Array, velocity: Array, residuals: Array, leverages: Array, sigma: Array,
+    given: bool, equal_balls: Array,
+) -> list[str]:  # fmt: skip
+    """Return the reasons not to trust a fit.
+
+    Parameters
     ----------
     names, errors : names of the parameters, (p,), and their relative standard errors.
     force, velocity : the data, (n,), N and m/s.
@@ -62,130 +69,77 @@ class Goodness:
     given : whether sigma was given, rather than found from the scatter.
     equal_balls : velocities of equal balls with the fitted modulus and diameter, m/s, (n,).
     """
+    from scipy.special import ndtr, stdtr
 
-    names: tuple[str, ...]
-    errors: Array
-    force: Array
-    velocity: Array
-    residuals: Array
-    leverages: Array
-    sigma: Array
-    given: bool
-    equal_balls: Array
+    def describe(place: int) -> str:
+        return f"datum {place + 1}, {velocity[place]:.4g} m/s at {force[place]:.4g} N,"
 
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom."""
-        return len(self.velocity) - len(self.names)
-
-    @property
-    def chi2(self) -> float:
-        """Sum of the squared residuals; ``dof`` where sigma is from the scatter."""
-        return float(self.residuals @ self.residuals) if self.given else float(self.dof)
-
-    @property
-    def p(self) -> float:
-        """Probability of a larger chi2; nan where sigma is from the scatter, or with no degrees of freedom."""
-        return compute_probability(self.chi2, self.dof) if self.given else math.nan
-
-    @property
-    def errors_are_known(self) -> bool:
-        """Whether standard errors rest on more than the rounding of the data."""
-        return self.given or float(self.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(self.velocity)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Reasons not to trust the fit."""
-        return (*self._judge_residuals(), *self._judge_excess(), *self._judge_single_data(), *self._judge_errors())
-
-    def _judge_residuals(self) -> list[str]:
-        if self.dof == 0:
-            what = f"as many data as fitted parameters ({len(self.names)}) leave 0 degrees of freedom"
-            return [f"{what}: nothing can be said of how well the model fits"]
-        if not self.errors_are_known:
-            digits, scatter = find_rounding(self.velocity), float(self.sigma[0])
-            return [
-                f"the scatter about the fit, {scatter:.2g} m/s, is below the rounding of the data, {digits:.2g} m/s:"
-                " standard errors are not known; give sigma"
-            ]
-        ratio = math.sqrt(self.chi2 / self.dof)
-        found = f"the residuals are {ratio:.3g} times what sigma says"
-        numbers = f"(chi^2 is {self.chi2:.4g} for {self.dof} degrees of freedom, p = {self.p:.2g})"
-        if self.p < _LEAST_CHANCE:
-            return [f"{found} {numbers}: the model does not fit, or sigma is too small"]
-        if self.p > 1.0 - _LEAST_CHANCE:
-            return [f"{found} {numbers}: sigma is too large, or the errors are not independent"]
-        return []
-
-    def _judge_excess(self) -> list[str]:
-        """Count the data above the velocity of equal balls by more than their noise, which no width explains."""
-        if "width" not in self.names or self.dof == 0:
-            return []
-        from scipy.special import ndtr, stdtr
-
-        excess = self.velocity / self.equal_balls - 1.0
+    dof, known, out = len(velocity) - len(names), are_errors_known(given, sigma, velocity), list[str]()
+    chi2 = float(residuals @ residuals) if given else float(dof)
+    # residuals
+    p = compute_probability(chi2, dof) if given else math.nan
+    if dof == 0:
+        what = f"as many data as fitted parameters ({len(names)}) leave 0 degrees of freedom"
+        out.append(f"{what}: nothing can be said of how well the model fits")
+    elif not known:
+        out.append(
+            f"the scatter about the fit, {float(sigma[0]):.2g} m/s, is below the rounding of the data,"
+            f" {find_rounding(velocity):.2g} m/s: standard errors are not known; give sigma"
+        )
+    elif p < _LEAST_CHANCE or p > 1.0 - _LEAST_CHANCE:
+        small = "the model does not fit, or sigma is too small"
+        large = "sigma is too large, or the errors are not independent"
+        out.append(
+            f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is {chi2:.4g} for {dof} degrees of"
+            f" freedom, p = {p:.2g}): {small if p < _LEAST_CHANCE else large}"
+        )
+    # data above the velocity of equal balls by more than their noise, which no width explains
+    excess = velocity / equal_balls - 1.0
+    if "width" in names and dof:
         # the scatter about a fit that such data bend is no measure of their noise, and a given sigma may be too small
-        noise = max(self._estimate_noise(), np.finfo(float).eps)
-        if self.given:
-            chances = ndtr(-excess / np.maximum(self.sigma / self.equal_balls, noise))
-        else:
-            chances = stdtr(self.dof, -excess / noise)
-        above = (excess > _MODEL_ERROR) & (chances < _LEAST_CHANCE / len(excess))
-        if not np.any(above):
-            return []
-        most, count = int(np.argmax(excess)), np.count_nonzero(above)
-        verb = "is" if count == 1 else "are"
-        where = f"{count} of {len(above)} data {verb} above the velocity of equal balls at that load"
-        by = f"by up to {100.0 * excess[most]:.2g} % ({self._describe(most).rstrip(',')})"
-        why = "a spread only slows sound, so that what is fitted is not a width"
-        return [f"{where}, {by}: {why}. Check the Young modulus, diameter and density, or fit young_modulus as well"]
+        noise = max(_estimate_noise(force, velocity), np.finfo(float).eps)
+        chances = ndtr(-excess / np.maximum(sigma / equal_balls, noise)) if given else stdtr(dof, -excess / noise)
+        count = np.count_nonzero((excess > _MODEL_ERROR) & (chances < _LEAST_CHANCE / len(excess)))
+        if count:
+            most, verb = int(np.argmax(excess)), "is" if count == 1 else "are"
+            where = f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that load"
+            by = f"by up to {100.0 * excess[most]:.2g} % ({describe(most).rstrip(',')})"
+            why = "a spread only slows sound, so that what is fitted is not a width"
+            mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
+            out.append(f"{where}, {by}: {why}. {mend}")
+    # a datum that alone decides the fit
+    most = int(np.argmax(leverages))
+    if dof and leverages[most] > _DECIDING_LEVERAGE:
+        out.append(
+            f"{describe(most)} decides the fit almost alone: its leverage is {leverages[most]:.4g}, and cannot be above 1"
+        )
+    # a datum off the fit of the others: r is its distance from that fit over the standard error of that distance
+    if known and dof > 1:
+        r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
+        off = int(np.argmax(r))
+        distance = float(r[off])
+        others = max(chi2 - distance**2, 1e-12)  # chi-squared of the others about a fit of their own
+        if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
+            one = float(ndtr(-distance))
+        else:  # judged by the scatter of the others: Student's distribution
+            distance *= math.sqrt((dof - 1) / others)
+            one = float(stdtr(dof - 1, -distance))
+        chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
+        if chance < _LEAST_CHANCE:
+            out.append(f"{describe(off)} lies {distance:.3g} standard errors off the fit of the others (p = {chance:.2g})")
+    out += [
+        f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
+        for name, error in zip(names, errors.tolist(), strict=True)
+        if known and error > _LARGE_ERROR
+    ]
+    return out
 
-    def _estimate_noise(self) -> float:
-        """Return the relative noise of the velocities: their rms distance from lines through their neighbours in force."""
-        order = np.lexsort((self.velocity, self.force))
-        x, y = np.log(self.force[order]), np.log(self.velocity[order])
-        reach = x[2:] - x[:-2]
-        part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
-        off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
-        return math.sqrt(float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2)))) if off.size else math.inf
 
-    def _judge_single_data(self) -> list[str]:
-        """Name a datum that alone decides the fit, and one that lies off the fit of the others."""
-        if self.dof == 0:
-            return []
-        out, most = [], int(np.argmax(self.leverages))
-        if self.leverages[most] > _DECIDING_LEVERAGE:
-            out.append(
-                f"{self._describe(most)} decides the fit almost alone: its leverage is {self.leverages[most]:.4g},"
-                " and cannot be above 1"
-            )
-        if self.errors_are_known and self.dof > 1:
-            from scipy.special import ndtr, stdtr
-
-            # equal to the distance of the datum from a fit of the others, over the standard error of that distance
-            r = np.abs(self.residuals) / np.sqrt(np.maximum(1.0 - self.leverages, 1e-12))
-            off = int(np.argmax(r))
-            others = max(self.chi2 - float(r[off]) ** 2, 1e-12)  # chi-squared of the others about a fit of their own
-            if self.given and compute_probability(others, self.dof - 1) >= _CHANCE_OF_AGREEMENT:
-                distance = float(r[off])
-                one = float(ndtr(-distance))
-            else:  # judged by the scatter of the others: Student's distribution
-                distance = float(r[off]) * math.sqrt((self.dof - 1) / others)
-                one = float(stdtr(self.dof - 1, -distance))
-            chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
-            if chance < _LEAST_CHANCE:
-                where = f"{distance:.3g} standard errors off the fit of the others (p = {chance:.2g})"
-                out.append(f"{self._describe(off)} lies {where}")
-        return out
-
-    def _judge_errors(self) -> list[str]:
-        if not self.errors_are_known:
-            return []
-        return [
-            f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
-            for name, error in zip(self.names, self.errors.tolist(), strict=True)
-            if error > _LARGE_ERROR
-        ]
-
-    def _describe(self, place: int) -> str:
-        return f"datum {place + 1}, {self.velocity[place]:.4g} m/s at {self.force[place]:.4g} N,"
+def _estimate_noise(force: Array, velocity: Array) -> float:
+    """Return the relative noise of the velocities: their rms distance from lines through their neighbours in force."""
+    order = np.lexsort((velocity, force))
+    x, y = np.log(force[order]), np.log(velocity[order])
+    reach = x[2:] - x[:-2]
+    part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
+    off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
+    return math.sqrt(float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2)))) if off.size else math.inf

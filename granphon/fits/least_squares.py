@@ -99,10 +99,6 @@ class FitProblem:
         velocities, slopes = self.model(logs)
         return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[:, None]
 
-    def in_medium(self, medium: str) -> FitProblem:
-        """Return the same problem in another medium."""
-        return replace(self, model=replace(self.model, choice=MediumChoice(medium)))
-
     def simulate_at(self, logs: Array) -> FitProblem:
         """Return the problem whose samples are those at ``logs``: itself if they serve there.
 
@@ -115,51 +111,33 @@ class FitProblem:
             raise explain_undetermined(self, logs, np.where(np.arange(len(logs)) == where, np.inf, 0.0))
         return replace(self, model=model)
 
-    def with_scatter(self, logs: Array) -> FitProblem:
-        """Return the same problem with sigma from the scatter about the fit at ``logs``."""
-        residuals = self(logs)[0]
-        # numbers in double precision scatter by their rounding at least
-        least = np.finfo(float).eps * float(np.max(self.velocity))
-        scatter = max(math.sqrt(float(residuals @ residuals) / self.dof), least)
-        return replace(self, sigma=np.full(residuals.shape, scatter))
-
 
 def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     """Find the logarithms (p,) of the parameters with the least sum of squares; the problem has the samples found there.
 
-    For a simulation, the search starts from those of the effective medium.
-    """
-    if problem.model.is_sampled:
-        start = find_best(problem.in_medium("ema"))[1]
-        return _settle(replace(problem, model=problem.model.settle_geometry(start)), start)
-    found = (_descend(problem, start) for start in _find_starts(problem))
-    return problem, min(found, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
-
-
-def _settle(problem: FitProblem, start: Array) -> tuple[FitProblem, Array]:
-    """Find the minimum from ``start`` with samples that belong to it: they are simulated again until they do."""
-    found, problem = start, problem.simulate_at(start)
-    for _ in range(_MOST_SIMULATED):
-        found = _descend(problem, found)
-        again = problem.simulate_at(found)
-        if again is problem:
-            return problem, found
-        problem = again
-    names = " and ".join(problem.model.names)
-    what = f"{names} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
-    why = "Forces of few balls jump when the width changes"
-    raise InputError(message(what, why, "Give the simulation more balls or samples, with a history a lower step_tolerance"))
-
-
-def _find_starts(problem: FitProblem) -> list[Array]:
-    """Find starting points, logarithms (p,): one at each width whose sum of squares is not above that of its neighbours.
-
-    At each width, one linear step brings the other parameters to their best. Widths so large that the medium refuses them
-    are left out.
+    For a simulation, the search starts from those of the effective medium. Else it starts from each width whose sum of
+    squares is not above that of its neighbours; at each, one linear step brings the other parameters to their best. Widths
+    so large that the medium refuses them are left out.
     """
     model, where = problem.model, problem.model.width_index
+    if model.is_sampled:
+        found = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
+        problem = replace(problem, model=model.settle_geometry(found)).simulate_at(found)
+        # the samples are simulated again until they belong to the minimum
+        for _ in range(_MOST_SIMULATED):
+            found = _descend(problem, found)
+            again = problem.simulate_at(found)
+            if again is problem:
+                return problem, found
+            problem = again
+        names = " and ".join(model.names)
+        what = (
+            f"{names} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
+        )
+        mend = "Give the simulation more balls or samples, with a history a lower step_tolerance"
+        raise InputError(message(what, "Forces of few balls jump when the width changes", mend))
     if where is None:
-        return [model.find_start(model.packing.width)]
+        return problem, _descend(problem, model.find_start(model.packing.width))
     others = np.arange(len(model.names)) != where
     starts: list[Array] = []
     squares, effect = [math.inf], 0.0
@@ -181,7 +159,8 @@ def _find_starts(problem: FitProblem) -> list[Array]:
             raise InputError(message(what, "On a line all contacts carry the same force", "Fit other parameters"))
         raise InputError(message(what, mend="Use another medium, such as ema, and a spread that has a shape"))
     squares.append(math.inf)
-    return [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
+    low = [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
+    return problem, min((_descend(problem, start) for start in low), key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:

@@ -153,7 +153,8 @@ class _SampleCurve:
         """Return value and slope of the curve at each log f*, (n,)."""
         cell, part = np.divmod(logs / _NODE_SPACING, 1.0)
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
-        self._solve(sorted(set(nodes.ravel().tolist()) - set(self._known)))
+        if lacking := sorted(set(nodes.ravel().tolist()) - set(self._known)):
+            self._solve(lacking)
         y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
         first, last = ((y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0 for i in (2, 3))
         rise = y[:, 3] - y[:, 2]
@@ -162,8 +163,6 @@ class _SampleCurve:
         return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _NODE_SPACING
 
     def _solve(self, nodes: list[int]) -> None:
-        if not nodes:
-            return
         packing = self.medium.packing
         force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
         state = self.medium.at_force(force)
@@ -291,18 +290,15 @@ class VelocityModel:
         constant, factor = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constant + np.multiply.outer(exponent, factor)
         if self.waves.finite_overlap:
-            slopes = self._find_differences(logs)
+            long, columns = replace(self.waves, frequency=None), list[Array]()
+            for move in _STEP * np.eye(len(logs)):
+                states = (self._find_state(self._make_packing(at))[0] for at in (logs - move, logs + move))
+                low, high = (long.velocity(state)[0] for state in states)
+                columns.append(np.log(high / low) / (2.0 * _STEP))
+            slopes = np.stack(columns, axis=1)
         # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power = d log g / d log nu
         of_diameter = np.array([float(name == "diameter") for name in self.names])
         return velocities, slopes + power[:, None] * (of_diameter - slopes)
-
-    def _find_differences(self, logs: Array) -> Array:
-        """Return the derivatives (n, p) of the logarithm of the velocity of long waves, from differences."""
-        long, columns = replace(self.waves, frequency=None), list[Array]()
-        for move in _STEP * np.eye(len(logs)):
-            low, high = (long.velocity(self._find_state(self._make_packing(at))[0])[0] for at in (logs - move, logs + move))
-            columns.append(np.log(high / low) / (2.0 * _STEP))
-        return np.stack(columns, axis=1)
 
     def _make_packing(self, logs: Array) -> Packing:
         with np.errstate(over="ignore", under="ignore"):

@@ -19,3 +19,8 @@ def drawn(ax, gid):
 
 def texts(legend):
     return [text.get_text() for text in legend.get_texts()]
+
+
+def with_gid(ax, gid):
+    """The artist of that group."""
+    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)

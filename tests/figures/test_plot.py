@@ -22,7 +22,9 @@ from granphon.base.scales import HertzPrefix
 from granphon.figures import bands as plot
 from granphon.figures import scales, style, zones
 from granphon.figures.modes import plot_mode
+from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.zones import zone_polygon
+from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
@@ -47,15 +49,6 @@ def phonons():
 @pytest.fixture(scope="module")
 def bands(phonons):
     return phonons.bands("GKMG", npoints=41)
-
-
-@pytest.fixture
-def ax():
-    return Figure(layout="constrained").subplots()
-
-
-def with_gid(ax, gid):
-    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
 
 
 def branches(ax, bands):
@@ -364,6 +357,7 @@ def test_either_may_be_left_out_and_not_both(phonons, bands):
 def test_global_state_is_left_alone(bands):
     before = dict(matplotlib.rcParams)
     plot.bands_figure(bands)
+    sweep_figure(gp.sweep(gp.Packing(STEEL, 8e-3, gp.Uniform(1e-6)), force=[1.0, 2.0], media=("afa",))).canvas.draw()
     assert dict(matplotlib.rcParams) == before
     code = "import sys; import granphon.figures.bands; print('matplotlib.pyplot' in sys.modules, 'phonopy' in sys.modules)"
     run = subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, capture_output=True, text=True)
