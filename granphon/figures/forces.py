@@ -88,7 +88,11 @@ def plot_forces(
     """
     if show not in (*_SHOWS, "auto"):
         raise InputError(message(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto"))
-    layer = _find_layer(sample)
+    given: Any = sample
+    if not isinstance(given, ContactNetwork | Sample):
+        mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
+        raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
+    layer = _Network.of(sample) if isinstance(sample, ContactNetwork) else _Layer.of(sample)
     if show == "auto":
         small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
         show = "window" if window is not None else "all" if small else "density"
@@ -99,7 +103,12 @@ def plot_forces(
             figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
             return plot_forces(sample, figure.subplots(), show=show, window=window)
     figure = ax.get_figure()
-    drawn = _draw_density(layer, ax) if show == "density" else _draw_chains(layer, ax, edges)
+    drawn: LineCollection | QuadMesh
+    if show == "density":
+        across, along, density = layer.make_density()
+        drawn = ax.pcolormesh(across, along, density.T, cmap=FORCES, gid="density", rasterized=True)
+    else:
+        drawn = _draw_chains(layer, ax, edges)
     left, bottom, right, top = edges
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", title=layer.title)
     for axis in (ax.xaxis, ax.yaxis):
@@ -109,7 +118,10 @@ def plot_forces(
         ax.set_yticks([0.0])
     if drawn.get_array() is not None:
         bar = figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02)
-        layer.name_forces(bar.ax, f",\nmeans over {layer.write_square()}" if show == "density" else "")
+        size, name = layer.length_unit
+        sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in layer.make_grid()})
+        square = f"{' x '.join(sides * (3 - len(sides)))} {name}"
+        layer.name_forces(bar.ax, f",\nmeans over {square}" if show == "density" else "")
     return ax
 
 
@@ -120,16 +132,6 @@ def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequ
     """
     figure: Any = plot_forces(network, show=show, window=window).get_figure()
     return figure  # type: ignore[no-any-return]
-
-
-def _find_layer(sample: Any) -> _Layer | _Network:
-    """Return what is drawn of a sample or a network."""
-    if isinstance(sample, ContactNetwork):
-        return _Network.of(sample)
-    if isinstance(sample, Sample):
-        return _Layer.of(sample)
-    mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
-    raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
 
 
 def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> tuple[float, ...]:
@@ -170,12 +172,6 @@ def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -
         chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
-
-
-def _draw_density(layer: _Layer | _Network, ax: Axes) -> QuadMesh:
-    """Draw the mean force of the contacts in each square of a coarse grid."""
-    across, along, density = layer.make_density()
-    return ax.pcolormesh(across, along, density.T, cmap=FORCES, gid="density", rasterized=True)
 
 
 @dataclass(frozen=True)
@@ -243,10 +239,17 @@ class _Map:
         with np.errstate(invalid="ignore"):
             return grid[0], grid[1], total / count
 
-    def write_sides(self, unit: float) -> str:
-        """Return the sides of the squares of the coarse grid, in a unit of length."""
-        sides = sorted({f"{float(edges[1] - edges[0]) / unit:.2g}" for edges in self.make_grid()})
-        return " x ".join(sides * (3 - len(sides)))
+    @property
+    def length_unit(self) -> tuple[float, str]:
+        """The unit in which lengths are written, in that of the data, and its name."""
+        return 1.0, "$d$"
+
+    def find_widths(self, forces: Array) -> Array:
+        """Return the widths of lines (n,), in those of the mean force."""
+        return forces
+
+    def draw_rest(self, ax: Axes) -> None:
+        """Draw what there is besides balls and contacts."""
 
 
 @dataclass(frozen=True)
@@ -328,17 +331,6 @@ class _Layer(_Map):
         """Label the scale of the forces."""
         ax.set_xlabel(f"Contact force over its mean{more}")
 
-    def write_square(self) -> str:
-        """Return the size of the squares of the coarse grid in words."""
-        return f"{self.write_sides(1.0)} $d$"
-
-    def find_widths(self, forces: Array) -> Array:
-        """Return the widths of lines (n,), in those of the mean force."""
-        return forces
-
-    def draw_rest(self, ax: Axes) -> None:
-        """Draw nothing else."""
-
 
 @dataclass(frozen=True)
 class _Network(_Map):
@@ -392,10 +384,10 @@ class _Network(_Map):
         """Label the scale of the forces with their unit."""
         _name_unit(ax.xaxis, "Contact force", ax.get_xlim()[1], "N", more)
 
-    def write_square(self) -> str:
-        """Return the size of the squares of the coarse grid in words."""
-        size, name = readable_unit(float(np.max(self.size)), "m")
-        return f"{self.write_sides(size)} {name}"
+    @property
+    def length_unit(self) -> tuple[float, str]:
+        """The multiple of a metre that suits the array."""
+        return readable_unit(float(np.max(self.size)), "m")
 
     def find_widths(self, forces: Array) -> Array:
         """Return the widths of lines (n,), in those of the mean force; that of the thinnest is a fifth of it."""

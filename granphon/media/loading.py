@@ -75,7 +75,7 @@ class LoadedSample:
     def require_start(self, path: Sequence[ReducedLoad]) -> None:
         """Raise as :meth:`press` does for a load below the start, which alone is solved; not for a start at the gas."""
         if not self.history.ordered and np.ptp(self.deviations):
-            self._require_above(*self._begin(), path)
+            self._refuse(*self._begin(), path)
 
     def _stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
         structure = self.packing.structure
@@ -95,16 +95,15 @@ class LoadedSample:
             error.option = "start"
             raise
 
-    @staticmethod
-    def _require_above(history: LoadingHistory, here: PressedArray, path: Sequence[ReducedLoad]) -> None:
-        by_force = path[0].overlap is None
-        start = ReducedLoad(here.overlap, history.stepper.measure(here, path[0]) if by_force else here.force)
-        require_above(start, path, isinstance(history.start, str))
+    def _refuse(self, history: LoadingHistory, here: PressedArray, path: Sequence[ReducedLoad]) -> None:
+        """Raise for a load of the path below ``here``, the start; one that is ordered goes where it likes."""
+        if not self.history.ordered:
+            force = history.stepper.measure(here, path[0]) if path[0].overlap is None else here.force
+            require_above(ReducedLoad(here.overlap, force), path, isinstance(history.start, str))
 
     def _press_different(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
         history, here = self._begin()
-        if not self.history.ordered:
-            self._require_above(history, here, path)
+        self._refuse(history, here, path)
         states, smooth = history.path(path, here), self._stencils()
         for place in range(len(path)):
             try:

@@ -243,12 +243,6 @@ def test_equal_balls_take_the_averaged_lattice_without_an_error(steel, lattice):
     )
 
 
-@pytest.mark.parametrize(("kind", "bad"), [("force", 0.0), ("force", -1.0), ("pressure", np.nan), ("overlap", np.inf)])
-def test_loads_that_are_none(rough, kind, bad):
-    with pytest.raises(InputError, match=kind):
-        getattr(gp.AutoMedium(rough), f"at_{kind}")([1.0, bad])
-
-
 def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     loads = np.array([50.0, 0.01, 3.0]) * unit
     with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
@@ -354,35 +348,12 @@ def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
     assert [float(row[place["expected_error"]]) for row in table] == ds["expected_error"].values.ravel().tolist()
 
 
-def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_path, monkeypatch):
-    from granphon.runs import tasks
-
+def test_pieces_side_by_side_give_the_same_numbers(rough, unit):
     forces = (np.array([4.0, 0.3, 1.0, 0.31]) * unit).tolist()
     options = {"force": forces, "media": [{"auto": {"tolerance": 5e-3}}, "ala"]}
     whole = sweep(rough, **options)
     with ThreadPoolExecutor(2) as executor:
         assert sweep(rough, executor=executor, **options).equals(whole)
-    path = tmp_path / "sweep.nc"
-    solve, done = tasks.MediumTask.solve, []
-
-    def interrupted(self, begun=None):
-        if len(done) == 2:
-            raise KeyboardInterrupt
-        done.append(self.where)
-        return solve(self, begun)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(tasks.MediumTask, "solve", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            sweep(rough, path=path, **options)
-    assert not path.exists()
-    calls = []
-    monkeypatch.setattr(
-        tasks.MediumTask, "solve", lambda self, begun=None: (calls.append(self.where), solve(self, begun))[1]
-    )
-    assert sweep(rough, path=path, resume=True, **options).equals(whole)
-    assert not set(done) & set(calls)
-    assert calls
 
 
 def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
@@ -429,11 +400,6 @@ def test_a_simulated_piece_that_fails_says_at_which_load_of_the_sweep(rough, uni
     with pytest.raises(ConvergenceError, match=r"simulation.*force = .*come to rest") as error:
         sweep(rough, force=forces, media={"auto": {"tolerance": 5e-3}})
     assert error.value.load_index == 3
-
-
-def test_finite_overlap_is_refused(rough):
-    with pytest.raises(InputError, match="'auto' has no terms of finite overlap"):
-        sweep(rough, force=[10.0], media="auto", finite_overlap=True)
 
 
 # -- arrays loaded with friction ------------------------------------------------------------------------------------------
@@ -573,29 +539,16 @@ def test_spellings_of_a_scene(text, tolerance):
     ("text", "told"),
     [
         ("{auto: {tolerance: 0}}", "medium.auto.tolerance: found 0; allowed: "),
-        ("{auto: {tolerance: 1}}", "medium.auto.tolerance: found 1; allowed: "),
-        ("{auto: {tolerance: -1e-3}}", "medium.auto.tolerance: found -0.001; allowed: "),
         ("{auto: {tolerance: .nan}}", "medium.auto.tolerance: found"),
         ("{auto: {tolerance: small}}", "medium.auto.tolerance: found 'small'; allowed: "),
         ("{auto: {tolerance: 1 %}}", "medium.auto.tolerance: found '1 %'; allowed: "),
-        ("{auto: {tolerance: }}", "medium.auto.tolerance: found nothing; allowed: "),
-        ("{auto: {tolerance: [1e-3, 1e-2]}}", "medium.auto.tolerance: found"),
-        ("{auto: {tolerance: true}}", "medium.auto.tolerance: found true; allowed: "),
         (
             "{auto: {tol: 1e-3}}",
             f"medium.auto.tol: found an unknown key; allowed: {AUTO}.",
         ),
         (
-            "{auto: {shape: 8 8}}",
-            f"medium.auto.shape: found an unknown key; allowed: {AUTO}.",
-        ),
-        (
             "{auto: 1e-3}",
             f"medium.auto: found 0.001; allowed: a block of keys: {AUTO}.",
-        ),
-        (
-            "{auto: ema}",
-            f"medium.auto: found 'ema'; allowed: a block of keys: {AUTO}.",
         ),
         ("Auto", "Did you mean 'auto'?"),
         ("automatic", "medium: found 'automatic'; allowed: "),
