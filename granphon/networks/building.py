@@ -177,21 +177,80 @@ class Source:
         still = np.isinf(masses[i]) | np.isinf(masses[j])
         if contacts.normal is None and np.any(still):
             contacts.refuse(still, "is with a body that does not move, and has no normal", mend="Give nx, ny and nz")
-        shift = _find_shifts(contacts, positions, balls.radii, cell, pbc, i, j, still)
+        # whole cells by which balls j are displaced: those given, those of the vectors, or to where they are nearest
+        radii_i, radii_j, apart, axes = balls.radii[i], balls.radii[j], positions[j] - positions[i], np.flatnonzero(pbc)
+        touch, periods, shift = radii_i + radii_j, cell[axes], contacts.shift
+        if shift is None:
+            shift = np.zeros((len(i), 3), np.intp)
+            if np.linalg.matrix_rank(periods) < axes.size:
+                raise InputError(message("the periodic vectors of the cell are not independent of each other"))
+            across = np.linalg.pinv(periods)
+            if contacts.vector is not None:
+                shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
+                off = np.linalg.norm(apart + shift @ cell - contacts.vector, axis=1) > _ROUNDED * touch
+                why = "Its vector does not lead from one to the other in this cell"
+                contacts.refuse(off & ~still, "is not where its balls are", why, "Are both files of one time step?")
+            elif axes.size:
+                nearest = -_round_steps(apart @ across)
+                steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
+                away = np.stack([np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps], axis=1)
+                away[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
+                by_distance = np.argsort(away, axis=1)
+                shift[:, axes] = nearest + steps[by_distance[:, 0]]
+                second = np.take_along_axis(away, by_distance[:, 1:2], axis=1)[:, 0]
+                why, mend = "The cell is so small that they touch at more than one place", "Give the shift of each contact"
+                contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, mend)
+                shift[still] = 0
         vector = positions[j] + shift @ cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
-        radii_i, radii_j = balls.radii[i], balls.radii[j]
-        overlap = np.where(still, 0.0, radii_i + radii_j - distance)  # a wall may have any place
-        far = ~still & ~(np.abs(overlap) <= _REACH * (radii_i + radii_j))
-        said = f"whose radii add up to {_first(radii_i + radii_j, far):.6g} m, are {_first(distance, far):.6g} m apart"
+        overlap = np.where(still, 0.0, touch - distance)  # a wall may have any place
+        far = ~still & ~(np.abs(overlap) <= _REACH * touch)
+        said = f"whose radii add up to {_first(touch, far):.6g} m, are {_first(distance, far):.6g} m apart"
         contacts.refuse(
             far, f"joins balls that are not near each other: these, {said}", mend="Compare the cell and the units"
         )
         with np.errstate(invalid="ignore", divide="ignore"):
             normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
-        force, stiffness, shear = _find_springs(
-            contacts, material, friction, radii_i, radii_j, overlap, still, balls.rounding
-        )
+        # force, normal and shear stiffness of each contact, as given, or by Hertz and Mindlin
+        force, stiffness, shear = contacts.normal_force, contacts.normal_stiffness, contacts.shear_stiffness
+        if force is not None:
+            contacts.refuse(
+                ~(np.isfinite(force) & (force >= 0.0)),
+                f"has the force {_first(force, ~(np.isfinite(force) & (force >= 0.0))):.6g} N",
+                "Forces that pull, or are not finite, are not of elastic balls", "Forces that press count as positive",
+            )  # fmt: skip
+        lacking = [
+            name for name, value in (("normal_force", force), ("normal_stiffness", stiffness), ("shear_stiffness", shear))
+            if value is None and not (name == "shear_stiffness" and not friction)
+        ]  # fmt: skip
+        if lacking and material is None:
+            mend = "Give the material of the balls, from which they follow, or the columns"
+            if lacking == ["shear_stiffness"]:
+                mend = "Give the column, the material of the balls, or friction=False"
+            raise InputError(message(f"{contacts.name} has no {', '.join(lacking)}, and no material is given", mend=mend))
+        if force is None or stiffness is None:
+            assert material is not None
+            small, large = np.minimum(radii_i, radii_j), np.maximum(radii_i, radii_j)
+            flat = np.isinf(large)  # the curvature of a flat wall is zero
+            between = np.where(flat, 4.0 * small, harmonic_diameter(2.0 * small, np.where(flat, small, large) * 2.0))
+            coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(between)
+            unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+            if force is None:
+                contacts.refuse(still, "is with a body that does not move, and has no force", mend="Give normal_force")
+                force = coefficient * unit.force(overlap)
+            elif stiffness is None and balls.rounding is not None:
+                least, made, most = (coefficient * unit.force(overlap + by) for by in (-balls.rounding, 0.0, balls.rounding))
+                odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
+                odd &= ~still & (np.maximum(force, least) > _LEAST_COMPARED * np.sum(force / force.size))
+                if np.any(odd):
+                    given, overlapping = _first(force, odd), _first(made, odd)
+                    wrong = f"has the force {given:.6g} N, and the overlap of its balls makes {overlapping:.6g} N"
+                    mend = "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
+                    warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=3)
+            if stiffness is None:
+                stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
+        if shear is None:
+            shear = stiffness * (material.mindlin_ratio if friction and material is not None else 0.0)
         none = np.zeros(len(i))
         found: dict[str, Any] = {
             "i": i, "j": j, "shift": shift, "normal": normal, "normal_force": force, "normal_stiffness": stiffness,
@@ -276,92 +335,8 @@ def _first(values: Array, bad: NDArray[np.bool_]) -> float:
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
 
 
-def _find_shifts(
-    contacts: Contacts, positions: Array, radii: Array, cell: Array, pbc: NDArray[np.bool_], i: Index, j: Index,
-    still: NDArray[np.bool_],
-) -> Index:  # fmt: skip
-    """Return the whole cells (n_c, 3) by which balls j are displaced: those given, those of the vectors, or the nearest."""
-    if contacts.shift is not None:
-        return contacts.shift
-    axes = np.flatnonzero(pbc)
-    shift = np.zeros((len(i), 3), np.intp)
-    apart = positions[j] - positions[i]
-    periods = cell[axes]
-    if np.linalg.matrix_rank(periods) < axes.size:
-        raise InputError(message("the periodic vectors of the cell are not independent of each other"))
-    across = np.linalg.pinv(periods)
-    touch = radii[i] + radii[j]
-    if contacts.vector is not None:
-        shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
-        off = np.linalg.norm(apart + shift @ cell - contacts.vector, axis=1) > _ROUNDED * touch
-        why = "Its vector does not lead from one to the other in this cell"
-        contacts.refuse(off & ~still, "is not where its balls are", why, "Are both files of one time step?")
-        return shift
-    if not axes.size:
-        return shift
-    nearest = -_round_steps(apart @ across)
-    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
-    distance = np.stack([np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps], axis=1)
-    distance[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
-    order = np.argsort(distance, axis=1)
-    shift[:, axes] = nearest + steps[order[:, 0]]
-    second = np.take_along_axis(distance, order[:, 1:2], axis=1)[:, 0]
-    why = "The cell is so small that they touch at more than one place"
-    contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, "Give the shift of each contact")
-    shift[still] = 0
-    return shift
-
-
 def _round_steps(steps: Array) -> Index:
     """Return the nearest whole numbers of cells; :class:`InputError` if balls are too many cells from each other."""
     if np.any(~(np.abs(steps) <= MOST_STEPS)):
         raise InputError(message(f"balls that touch are more than {MOST_STEPS} cells apart", mend="Compare cell and places"))
     return np.asarray(np.rint(steps), np.intp)
-
-
-def _find_springs(
-    contacts: Contacts, material: Material | None, friction: bool, radii_i: Array, radii_j: Array, overlap: Array,
-    still: NDArray[np.bool_], rounding: float | None,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return force, normal stiffness and shear stiffness of each contact, as given, or by Hertz and Mindlin."""
-    force, stiffness, shear = contacts.normal_force, contacts.normal_stiffness, contacts.shear_stiffness
-    if force is not None:
-        contacts.refuse(
-            ~(np.isfinite(force) & (force >= 0.0)),
-            f"has the force {_first(force, ~(np.isfinite(force) & (force >= 0.0))):.6g} N",
-            "Forces that pull, or are not finite, are not of elastic balls", "Forces that press count as positive",
-        )  # fmt: skip
-    wanted = [
-        name for name, value in (("normal_force", force), ("normal_stiffness", stiffness), ("shear_stiffness", shear))
-        if value is None and not (name == "shear_stiffness" and not friction)
-    ]  # fmt: skip
-    if wanted and material is None:
-        mend = "Give the material of the balls, from which they follow, or the columns"
-        if wanted == ["shear_stiffness"]:
-            mend = "Give the column, the material of the balls, or friction=False"
-        raise InputError(message(f"{contacts.name} has no {', '.join(wanted)}, and no material is given", mend=mend))
-    if force is None or stiffness is None:
-        assert material is not None
-        small, large = np.minimum(radii_i, radii_j), np.maximum(radii_i, radii_j)
-        flat = np.isinf(large)  # the curvature of a flat wall is zero
-        between = np.where(flat, 4.0 * small, harmonic_diameter(2.0 * small, np.where(flat, small, large) * 2.0))
-        coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(between)
-        unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
-        if force is None:
-            contacts.refuse(still, "is with a body that does not move, and has no force", mend="Give normal_force")
-            force = coefficient * unit.force(overlap)
-        elif stiffness is None and rounding is not None:
-            least, made, most = (coefficient * unit.force(overlap + by) for by in (-rounding, 0.0, rounding))
-            odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
-            odd &= ~still & (np.maximum(force, least) > _LEAST_COMPARED * np.sum(force / force.size))
-            if np.any(odd):
-                wrong = (
-                    f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes {_first(made, odd):.6g} N"
-                )
-                mend = "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
-                warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=4)
-        if stiffness is None:
-            stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
-    if shear is None:
-        shear = stiffness * (material.mindlin_ratio if friction and material is not None else 0.0)
-    return force, stiffness, shear

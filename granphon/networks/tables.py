@@ -136,9 +136,10 @@ class _Columns:
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from None
 
-    def vectors(self, *names: str) -> Array | None:
+    def vectors(self, *names: str, wide: bool = False) -> Array | None:
         """The columns of some names side by side, as many of the first ones as there are; None if there is none of them.
 
+        ``wide`` puts zeros behind, for those that are not there.
         Raises :class:`InputError` if one but the last is missing, or if they are in different units.
         """
         there = [name for name in names if name in self]
@@ -149,7 +150,8 @@ class _Columns:
         if len(set(units)) > 1 and all(units):
             said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
             raise InputError(message(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"))
-        return np.stack([self.read(name) for name in there], axis=1)
+        found = np.stack([self.read(name) for name in there], axis=1)
+        return np.pad(found, ((0, 0), (0, len(names) - len(there)))) if wide else found
 
 
 def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> Array:
@@ -188,39 +190,29 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
     if cell is None and pbc is None and "cell" in said:
         cell, pbc = said["cell"], said.get("pbc")
     periods, periodic = read_cell(cell, pbc)
+    of_balls.require("x")
+    if "radius" in of_balls and "diameter" in of_balls:
+        raise InputError(message(f"{of_balls.name} has both radius and diameter", mend="Leave one of them out"))
+    radii = 0.5 * of_balls.read("diameter") if "diameter" in of_balls else of_balls.read("radius")
+    positions = of_balls.vectors(*_AXES)
+    assert positions is not None
+    labels = of_balls.whole("id") if "id" in of_balls else None
+    found = Balls(of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels)
+    of_contacts.require("i", "j")
+    i, j, steps = (
+        of_contacts.whole("i"),
+        of_contacts.whole("j"),
+        of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True),
+    )
+    shift = None if steps is None else read_whole_numbers(f"shift of {of_contacts.name}", steps)
+    springs = {
+        name: of_contacts.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
+    }
+    normal, across = (of_contacts.vectors(*names, wide=True) for names in (("nx", "ny", "nz"), _TANGENTIAL))
     return Source(
-        _read_balls(of_balls), _read_contacts(of_contacts), periods, periodic,
+        found, Contacts(of_contacts.name, i, j, shift, None, normal, across, **springs), periods, periodic,
         **{name: said[name] for name in ("dimension", "motions", "prestress", "left_out") if name in said},
     )  # fmt: skip
-
-
-def _read_balls(table: _Columns) -> Balls:
-    table.require("x")
-    if "radius" in table and "diameter" in table:
-        raise InputError(message(f"{table.name} has both radius and diameter", mend="Leave one of them out"))
-    radii = 0.5 * table.read("diameter") if "diameter" in table else table.read("radius")
-    positions = table.vectors(*_AXES)
-    assert positions is not None
-    labels = table.whole("id") if "id" in table else None
-    return Balls(table.name, positions, radii, table.find("mass"), table.find("inertia"), labels)
-
-
-def _read_contacts(table: _Columns) -> Contacts:
-    table.require("i", "j")
-    i, j = table.whole("i"), table.whole("j")
-    normal, steps = table.vectors("nx", "ny", "nz"), table.vectors("shift_1", "shift_2", "shift_3")
-    shift = None if steps is None else read_whole_numbers(f"shift of {table.name}", _widen(steps))
-    springs = {
-        name: table.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
-    }
-    across = table.vectors(*_TANGENTIAL)
-    given = (None if vectors is None else _widen(vectors) for vectors in (normal, across))
-    return Contacts(table.name, i, j, shift, None, *given, **springs)
-
-
-def _widen(vectors: Array) -> Array:
-    """Return vectors (n, d) with zeros behind, (n, 3)."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:

@@ -48,15 +48,6 @@ class PhononModes(Modes):
 
     units = {"wavevectors": "rad/m", "frequencies": "Hz", "group_velocities": "m/s"}
 
-    @classmethod
-    def of(cls, modes: Modes, scales: Units) -> PhononModes:
-        """Convert ``modes`` from reduced units to SI with the ``scales`` of a state."""
-        return cls(
-            modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
-            modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
-            modes.out_of_plane_fraction,
-        )  # fmt: skip
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bands(Result):

@@ -125,9 +125,6 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self.state = given_state(state)
         self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales
-        self._overlap = float(state.relative_overlap)
-        # delta/d up to which all balls are apart; below zero where diameters differ, as the largest balls touch first
-        self._apart = state.law.least_overlap / self.scales.length
         packing = state.packing
         self._coordinates, self._periods = count_coordinates(packing), packing.structure.periods
         self._eta, self._torsion = float(packing.mindlin_ratio), float(state.torsion)
@@ -135,11 +132,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         # without the rotations that no contact resists
         self._motions = select_motions(self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1])
         # with finite overlap a contact of balls that do not turn acts along the line between them, whatever the lattice
-        self._contacts = ContactFinder(
-            packing.structure, self._coordinates, self._overlap, self._apart, self.finite_overlap,
-            free=self.finite_overlap and not self._motions.rotate,
-        )  # fmt: skip
-        self._spacing = self._contacts.spacing
+        self._contacts = ContactFinder(state, self._coordinates, self.finite_overlap and not self._motions.rotate)
+        self._overlap, self._apart, self._spacing = self._contacts.overlap, self._contacts.apart, self._contacts.spacing
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""

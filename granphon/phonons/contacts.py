@@ -16,8 +16,8 @@ from ase import Atoms
 from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, select_once
-from granphon.balls.lattices import Lattice
 from granphon.base.errors import InputError, message
+from granphon.media.state import ContactState
 
 Array = NDArray[np.float64]
 #: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has moved by half of it. It
@@ -157,21 +157,23 @@ class ContactFinder:
 
     Parameters
     ----------
-    lattice : the lattice, whose contact vectors are the reference of each contact.
+    state : the state. The contact vectors of its lattice are the reference of each contact; with finite overlap contacts
+        have the directions in which the balls are, at the spacing a = d - delta.
     coordinates : m, the number of coordinates of a ball that count.
+    free : whether balls need not be near the sites of the lattice, but may touch in any direction.
+
+    Attributes
+    ----------
     overlap : delta/d of the state.
     apart : delta/d up to which all balls are apart; below zero where diameters differ, as the largest balls touch first.
-    finite_overlap : whether contacts have the directions in which the balls are, at the spacing a = d - delta.
-    free : whether balls need not be near the sites of the lattice, but may touch in any direction.
+    spacing : of the sites, in diameters.
     """
 
-    def __init__(
-        self, lattice: Lattice, coordinates: int, overlap: float, apart: float, finite_overlap: bool, free: bool
-    ) -> None:
-        self.spacing = 1.0 - overlap if finite_overlap else 1.0
-        self._coordinates, self._periods = coordinates, lattice.periods
-        self._overlap, self._apart = overlap, apart
-        self._finite_overlap, self._free, self._lattice = finite_overlap, free, lattice
+    def __init__(self, state: ContactState, coordinates: int, free: bool) -> None:
+        self.overlap, self.apart = float(state.relative_overlap), state.law.least_overlap / state.scales.length
+        self.spacing = 1.0 - self.overlap if state.finite_overlap else 1.0
+        self._finite_overlap, self._lattice = state.finite_overlap, state.packing.structure
+        self._coordinates, self._periods, self._free = coordinates, self._lattice.periods, free
         self._near = PairList()
 
     def find_pairs(self, balls: Atoms, places: Array) -> Pairs:
@@ -216,11 +218,11 @@ class ContactFinder:
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
         near = np.linalg.norm(vector - self.spacing * normal, axis=1) < _CATCH
-        reach = self.spacing + self._overlap + extra - self._apart
+        reach = self.spacing + self.overlap + extra - self.apart
         astray = ~near & (distance < reach)
         touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
         turn = _find_turn(normal, vector, distance, touching)
-        turned = _TURN_PER_SPACING if at_sites else _TURN_PER_OVERLAP * (self._overlap - self._apart)
+        turned = _TURN_PER_SPACING if at_sites else _TURN_PER_OVERLAP * (self.overlap - self.apart)
         if np.any(astray) or 0.5 * turn**2 > turned:
             what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
             if np.any(astray):
@@ -241,7 +243,7 @@ class ContactFinder:
         deviations = balls.arrays["diameter_deviations"]
         displacements = balls.arrays["displacements"][:, : self._coordinates]
         moved = displacements[j] - displacements[i]
-        overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
+        overlap = self.overlap + 0.5 * (deviations[i] + deviations[j])
         along = np.einsum("ca,ca->c", normal, moved)
         if not self._finite_overlap:
             return Rest(normal, overlap - along, np.full(len(normal), self.spacing))

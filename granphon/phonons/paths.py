@@ -308,11 +308,9 @@ class BandPath:
         if unknown := [name for piece in names for name in piece if name not in known]:
             allowed = f"{', '.join(known)}, such as {letters}, or points in numbers"
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
-        points = ", ".join(" ".join(repr(float(x)) for name in piece for x in known[name]) for piece in names)
-        try:
-            paths = read_paths(points, structure.periods)
-        except Refused:
-            raise Refused(show(value), f"two different points or more in a row, such as {letters}") from None
+        paths: Any = [[known[name].tolist() for name in piece] for piece in names]
+        if any(len(piece) < 2 or any(one == two for one, two in itertools.pairwise(piece)) for piece in paths):
+            raise Refused(show(value), f"two different points or more in a row, such as {letters}")
         return cls(paths, tuple(name for piece in names for name in piece))
 
     @classmethod

@@ -214,7 +214,12 @@ class Phonons:
         mode vanishes, the result is the limit along ``direction`` (Cartesian), which is required at Gamma.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
-        return PhononModes.of(self.lattice.modes(q, direction), self.scales)
+        modes, scales = self.lattice.modes(q, direction), self.scales
+        return PhononModes(
+            modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
+            modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
+            modes.out_of_plane_fraction,
+        )  # fmt: skip
 
     @property
     def special_points(self) -> dict[str, Array]:

@@ -84,13 +84,22 @@ class NetworkModes(Result):
 
 
 def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> NetworkModes:
-    """Return modes; see :meth:`granphon.waves.waves.Waves.modes`."""
+    """Return modes of a network that is stable, see :func:`require_stable`; for the rest see ``Waves.modes``."""
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
     if target > operator.top:
         top = operator.top / (2.0 * math.pi)
         raise InputError(message(f"the network has no modes near {nearest:g} Hz", f"All frequencies are below {top:.6g} Hz"))
-    pairs = find_eigenpairs(operator, count, target)
+    problem = Problem(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
+    size = problem.live.size
+    if count > size:
+        raise make_too_few(size, count)
+    if size <= DENSE or count * _SHARE > size:
+        pairs = _find_dense(problem, count, target)
+    elif size <= _FACTORED[operator.network.dimension]:
+        pairs = _find_factored(problem, count, target)
+    else:
+        pairs = find_filtered(problem, count, target) or _find_dense(problem, count, target)
     network, motions = operator.network, operator.motions
     vectors = np.zeros((count, network.n_balls, motions.count))
     vectors[:, operator.balls] = np.moveaxis(operator.values(pairs.vectors), -1, 0)
@@ -99,24 +108,6 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     return NetworkModes(
         pairs.omega / (2.0 * math.pi), vectors, len(motions.translations), operator.balls.size, pairs.zeros, pairs.residual
     )
-
-
-def find_eigenpairs(operator: WaveOperator, count: int, target: float) -> Eigenpairs:
-    """Return the ``count`` modes nearest to the angular frequency ``target``, rad/s, among those that cost energy.
-
-    The network is to be stable, see :func:`require_stable`.
-    """
-    live = np.flatnonzero(np.diff(operator.matrix.indptr) > 0)
-    problem = Problem(operator, live)
-    if count > live.size:
-        raise make_too_few(live.size, count)
-    if live.size <= DENSE or count * _SHARE > live.size:
-        found = _find_dense(problem, count, target)
-    elif live.size <= _FACTORED[operator.network.dimension]:
-        found = _find_factored(problem, count, target)
-    else:
-        found = find_filtered(problem, count, target) or _find_dense(problem, count, target)
-    return found
 
 
 def require_stable(operator: WaveOperator) -> None:

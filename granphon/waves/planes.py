@@ -57,7 +57,13 @@ class Course:
         for height, size in zip(heights, sizes, strict=True):
             if height > _FLAT * size:
                 least = _FLAT * float(np.max(sizes))
-                period = float(height) if math.isinf(period) else _common_measure(period, float(height), least)
+                if math.isinf(period):
+                    period = float(height)
+                    continue
+                # the greatest length that measures both, by Euclid's algorithm; lengths below ``least`` are rounding
+                rest = float(height)
+                while rest > least:
+                    period, rest = rest, abs(period - rest * round(period / rest))
         # places begin halfway between two planes of balls, where a cut meets no ball
         course = cls(network, direction, period)
         if math.isinf(period):
@@ -95,7 +101,19 @@ class Course:
         shown = ", ".join(f"{one:.6g}" for one in self.direction[: self.network.dimension])
         heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
         sides = " and ".join(f"{one:.6g}" for one in heights if one > _FLAT * float(np.max(heights)))
-        better = self._find_better(least)
+        # the two directions nearest to this one whose planes have a period of ``least``, with the period, m
+        periods, found = self.network.cell[list(self.network.pbc)], []
+        dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
+        most = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
+        most = np.minimum(most, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
+        for whole in itertools.product(*(range(-n, n + 1) for n in most)):
+            if math.gcd(*whole) == 1:
+                vector = np.array(whole) @ dual
+                size = 1.0 / float(np.linalg.norm(vector))
+                if size >= least:
+                    found.append((float(vector @ self.direction) * size, (size * vector).tolist(), size))
+        best = sorted(found, key=lambda one: -round(one[0], 9))[:2]
+        better = [([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size) for _, one, size in best]
         offer = " or ".join(f"({', '.join(f'{x:.6g}' for x in one)}), with {size:.6g} m" for one, size in better)
         closes = f"come back to themselves after {self.period:.6g} m" if self.period > self.spacing else "do not close"
         cell = f". The cell is {sides} m long along it, and the greatest common measure counts" if " and " in sides else ""
@@ -104,22 +122,6 @@ class Course:
         what, why = f"planes across ({shown}) {closes} in this periodic network", f"{why}: {least:.6g} m are needed{cell}"
         mend = f"{longer}, or the direction {offer}" if better else f"or {longer}"
         raise InputError(message(what, why, f"Take a shorter distance, {mend}"))
-
-    def _find_better(self, least: float) -> list[tuple[list[float], float]]:
-        """Return the two directions nearest to this one whose planes have a period of ``least``, with the period, m."""
-        periods = self.network.cell[list(self.network.pbc)]
-        dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
-        most = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
-        most = np.minimum(most, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
-        found = []
-        for whole in itertools.product(*(range(-n, n + 1) for n in most)):
-            if math.gcd(*whole) == 1:
-                vector = np.array(whole) @ dual
-                size = 1.0 / float(np.linalg.norm(vector))
-                if size >= least:
-                    found.append((float(vector @ self.direction) * size, (size * vector).tolist(), size))
-        best = sorted(found, key=lambda one: -round(one[0], 9))[:2]
-        return [([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size) for _, one, size in best]
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
@@ -199,10 +201,3 @@ class Course:
         first, last = (0.0, self.period) if math.isfinite(self.period) else (float(np.min(moving)), float(np.max(moving)))
         ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
         return min((one for one in ways if one > 2.0 * self.spacing), default=2.0 * (last - first))
-
-
-def _common_measure(a: float, b: float, least: float) -> float:
-    """Return the greatest length that measures both, by Euclid's algorithm; lengths below ``least`` are rounding."""
-    while b > least:
-        a, b = b, abs(a - b * round(a / b))
-    return a

@@ -8,13 +8,11 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.array import contact_operator
 from granphon.array import stencils as module
-from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.stencils import Motion, Stencils
 
 #: steel's
 ETA = 0.84
@@ -115,22 +113,6 @@ def test_spectrum_is_that_of_the_lattices_waves(shape, eta):
     fractions = [(p / shape[0], q / shape[1]) for p, q in np.ndindex(shape)]
     frequencies = lattice.frequencies(lattice.wavevectors(fractions))
     np.testing.assert_allclose(squares, np.sort(frequencies.ravel() ** 2), rtol=0.0, atol=1e-13)
-
-
-@given(st.tuples(st.integers(1, 13), st.integers(1, 13)), st.sampled_from([0.0, 0.3, ETA, 5.0]), st.integers(0, 2**32 - 1))
-def test_transpose_and_product(shape, eta, seed):
-    stencils, rng = Stencils(shape, eta), np.random.default_rng(seed)
-    balls, tension = rng.normal(size=(stencils.n_fields, *shape)), rng.normal(size=(stencils.n_rows, *shape))
-    compression, stiffness = float(rng.normal()), rng.uniform(0.0, 2.0, size=(3, *shape))
-    strain = stencils.deformations(Motion(balls, 0.0))
-    size = math.prod(shape)
-    assert dot(strain, tension) == pytest.approx(dot(balls, stencils.forces(tension)), abs=1e-13 * size)
-    # in one go what takes three steps
-    weights = stencils.weights(stiffness)
-    force, push = stencils.hessian(weights)(balls, compression)
-    strain = stencils.deformations(Motion(balls, compression))
-    np.testing.assert_allclose(force, stencils.forces(weights * strain), rtol=0.0, atol=1e-13)
-    assert push == pytest.approx(-float(np.sum(stiffness * strain[:3])), abs=1e-12 * size)
 
 
 @every_eta

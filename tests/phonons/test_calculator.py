@@ -1058,18 +1058,6 @@ def test_a_cell_without_a_third_vector_is_one_of_any_height(friction, finite_ove
 # -- a lattice that is turned -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("angle", [30.0, 10.0, -5.0])
-@pytest.mark.parametrize(("friction", "finite_overlap"), [(False, False), (True, False), (True, True)])
-@pytest.mark.parametrize("name", ["plane 3x3", "plane cluster", "kagome"])
-def test_contacts_of_fixed_direction_in_a_plane_are_not_turned(name, angle, friction, finite_overlap):
-    # at 30 degrees no pair would be a contact, and the energy zero; at 10 all would be, with overlaps of 1 - cos 10
-    state, balls, calc = make(name, "rough" if friction else "smooth", finite_overlap)
-    balls.rotate(angle, "z", rotate_cell=True)
-    for ask in (calc.get_potential_energy, calc.get_force_constants, lambda turned: gp.Phonons(state, turned)):
-        with pytest.raises(InputError, match="turned against the lattice"):
-            ask(balls)
-
-
 def test_balls_moved_among_each_other_are_refused():
     # a ball in the hollow between others touches them in directions that are no contact's
     _, balls, calc = make("plane 3x3", "rough")
@@ -1269,15 +1257,6 @@ def test_stress_and_force_constants_of_a_medium_are_those_of_its_state(medium, p
     # a difference of the forces at an overlap that may be below zero
     slopes = differenced(gp.HertzMindlin(state), big, 2, False, 1e-5)
     np.testing.assert_allclose(constants[..., :2, :2], slopes, rtol=0.0, atol=1e-6)
-
-
-@every_medium
-def test_bands_of_a_medium_scale_with_the_root_of_its_stiffness(medium):
-    qpoints = np.array([[0.1, 0.0, 0.0], [1 / 3, 1 / 3, 0.0], [0.21, -0.13, 0.0]])
-    states = [medium_state(medium, part, friction=True) for part in MEAN_OVERLAPS]
-    scaled = [gp.Phonons(state).frequencies(qpoints) / np.sqrt(state.normal_stiffness) for state in states]
-    for other in scaled[1:]:
-        np.testing.assert_allclose(other, scaled[0], rtol=1e-11)
 
 
 @every_medium

@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 import pytest
 from ase.build import make_supercell
-from hypothesis import given, settings
 from hypothesis import strategies as st
 from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
@@ -257,57 +256,6 @@ def test_a_skewed_supercell_has_the_folded_bands(matrix, friction, finite_overla
     for q in ([0.137, -0.291], [0.0, 0.0], [0.5, 0.5]):
         expected = np.sort(small.frequencies(folded(matrix)(q)).ravel())
         np.testing.assert_allclose(big.frequencies([q])[0], expected, rtol=0.0, atol=1e-12 * expected.max())
-
-
-@given(
-    masses=st.lists(st.floats(0.1, 10.0), min_size=4, max_size=4),
-    q=st.tuples(fractions, fractions),
-    finite_overlap=st.booleans(),
-    friction=st.booleans(),
-)
-@settings(max_examples=15, deadline=None)
-def test_unequal_masses(masses, q, finite_overlap, friction):
-    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
-    balls = gp.atoms(state).repeat((2, 2, 1))
-    balls.set_masses(masses)
-    ph = gp.Phonons(state, balls)
-    # trace of D is the sum of each ball's own stiffness over its mass
-    stiffness = 3.0 * (1.0 + ETA * friction) * 2.0 + (15.0 * ETA if friction else 0.0)
-    if not finite_overlap:
-        total = np.sum((ph.frequencies([q]) / state.scales.frequency) ** 2)
-        assert total == pytest.approx(stiffness * np.sum(1.0 / np.array(masses)), rel=1e-10)
-
-
-def test_a_heavy_impurity_hardly_moves():
-    # as its mass grows its own three modes fall as M^-1/2, and the others tend to those of a ball held fast
-    state = at_overlap()
-    lows, highs = [], []
-    for mass in (1e4, 1e6):
-        balls = gp.atoms(state).repeat((4, 4, 1))
-        masses = np.ones(16)
-        masses[5] = mass
-        balls.set_masses(masses)
-        values = gp.Phonons(state, balls).frequencies([[0.31, 0.17]])[0] / state.scales.frequency
-        lows.append(values[:3])
-        highs.append(values[3:])
-    np.testing.assert_allclose(lows[0] / lows[1], 10.0, rtol=2e-3)
-    held = np.delete(np.arange(48), [15, 16, 17])
-    matrix = gp.Phonons(state, gp.atoms(state).repeat((4, 4, 1)))
-    d = matrix.lattice.dynamical_matrix(matrix.lattice.wavevectors([[0.31, 0.17]]))[0][np.ix_(held, held)]
-    np.testing.assert_allclose(highs[1], np.sqrt(np.linalg.eigvalsh(d)), rtol=1e-5)
-
-
-@pytest.mark.parametrize("friction", [True, False])
-def test_a_vacancy(friction):
-    state = at_overlap(friction=friction)
-    balls = gp.atoms(state).repeat((4, 4, 1))
-    del balls[5]
-    ph = gp.Phonons(state, balls)
-    assert ph.frequencies([[0.1, 0.2]]).shape == (1, (3 if friction else 2) * 15)
-    assert len(ph.lattice.contacts) == 3 * 16 - 6
-    # springs are taken away and none added: every mode is at or below that of the same rank with the ball held
-    whole = gp.Phonons(state, gp.atoms(state).repeat((4, 4, 1))).frequencies([[0.1, 0.2]])[0]
-    assert np.all(ph.frequencies([[0.1, 0.2]])[0] <= whole[-ph.lattice.n_branches :] * (1.0 + 1e-12))
 
 
 def test_atoms_are_taken_as_a_copy():
