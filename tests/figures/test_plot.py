@@ -24,7 +24,7 @@ from granphon.figures import scales, style, zones
 from granphon.figures.modes import plot_mode
 from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.zones import zone_polygon
-from tests.figures.conftest import with_gid
+from tests.figures.conftest import assert_inside_page, with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
@@ -291,10 +291,7 @@ def test_beside_bands_in_a_column_the_density_is_readable(phonons, bands):
     ticks = [label.get_window_extent() for label in right.get_xticklabels() if label.get_text()]
     assert len(ticks) >= 2
     assert all(one.x1 < next_one.x0 for one, next_one in itertools.pairwise(ticks))
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(tight.x0, tight.y0) >= 0.0
-    assert tight.x1 <= width
-    assert tight.y1 <= height
+    assert_inside_page(figure)
 
 
 # -- figures --------------------------------------------------------------------------------------------------------
@@ -312,10 +309,7 @@ def test_bands_and_dos_share_the_frequency_axis(phonons, bands, tmp_path):
     for ending in ("png", "pdf", "svg"):
         figure.savefig(tmp_path / f"bands.{ending}", dpi=50)
     # nothing sticks out of the page, and no text is smaller than 7 points
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(tight.x0, tight.y0) >= 0.0
-    assert tight.x1 <= width
-    assert tight.y1 <= height
+    assert_inside_page(figure)
     assert min(t.get_fontsize() for t in figure.findobj(matplotlib.text.Text) if t.get_text()) >= 7.0
 
 
