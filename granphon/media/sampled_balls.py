@@ -88,8 +88,21 @@ class SampledBalls:
             object.__setattr__(self, name, value)
         held = history.from_gas and history.friction_coefficient != 0
         require_standing(self.packing, history.is_loaded, history.is_loaded and held)
-        shape = _read_shape(self.shape, self.packing.structure.periods)
-        object.__setattr__(self, "shape", shape)
+        periods, lengths = self.packing.structure.periods, self.shape
+        if lengths is not None:
+            try:
+                lengths = tuple(lengths)
+            except TypeError:
+                lengths = ()
+            if len(lengths) != periods:
+                names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
+                count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
+                raise InputError(message(f"shape is {brief(self.shape)}", mend=f"Give {count}, ({names})"))
+            lengths = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
+            if math.prod(lengths) > _MOST_CELLS:
+                what = f"shape is {lengths}, which are {float(math.prod(lengths)):.3g} cells"
+                raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
+        object.__setattr__(self, "shape", lengths or DEFAULT_SHAPES[periods])
         if self.diameters is not None:
             self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
@@ -184,11 +197,6 @@ class SampledBalls:
     def ratio(self) -> float:
         """W/d in the exact geometry of contacts; zero where they keep the directions of the lattice."""
         return self.packing.relative_width if self.is_exact else 0.0
-
-    @property
-    def named_geometry(self) -> tuple[tuple[str, str], ...]:
-        """The option that names the geometry, with its value."""
-        return (("geometry", self.geometry),) if self.geometry is not None else ()
 
     def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
         """Return this simulation in each geometry, by word, that it has at values of an applied load, and their places.
@@ -289,21 +297,3 @@ def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
     fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
     stands = np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT)
     return None if stands else "Some of its waves cost no energy"
-
-
-def _read_shape(shape: Any, periods: int) -> tuple[int, ...]:
-    if shape is None:
-        return DEFAULT_SHAPES[periods]
-    try:
-        lengths = tuple(shape)
-    except TypeError:
-        lengths = ()
-    if len(lengths) != periods:
-        names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
-        count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
-        raise InputError(message(f"shape is {brief(shape)}", mend=f"Give {count}, ({names})"))
-    cells = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
-    if math.prod(cells) > _MOST_CELLS:
-        what = f"shape is {cells}, which are {float(math.prod(cells)):.3g} cells"
-        raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
-    return cells

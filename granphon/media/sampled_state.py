@@ -200,6 +200,6 @@ class SampledState(ContactState):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        found, order = self.long_waves(direction), self.wave_names
-        ideal = self.loaded_lattice.find_reduced_velocities(direction)
-        return [np.asarray(found[..., i] / ideal[..., i]) for i in (order.index(n) for n in names)]
+        found, ideal = self.long_waves(direction), self.loaded_lattice.find_waves(direction)[0]
+        places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
+        return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]

@@ -264,11 +264,6 @@ class SimulatedState(SampledState):
         spacing = self.packing.diameter - np.asarray(self.overlap)
         return np.where(self._is_exact, self.force / self.normal_stiffness / spacing, 0.0)
 
-    @property
-    def least_valid_force(self) -> float:
-        """Least valid mean contact force, 0 N: the simulation is valid at every load at which it finds an equilibrium."""
-        return 0.0
-
 
 @dataclass(frozen=True, eq=False)
 class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):

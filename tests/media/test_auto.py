@@ -165,20 +165,6 @@ def test_no_medium_has_an_error_where_all_are_exact(rough, unit, word):
         assert_array_equal(read_medium(word).expected_error(exact, load), np.zeros(2))
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (20, 20, 20)), ("hcp", (16, 16, 10))])
-def test_what_was_promised_in_space_is_kept_against_a_large_sample(rough, unit, lattice, shape):
-    packing, directions = replace(rough, lattice=lattice), [(1, 0, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1)]
-    forces = np.array([0.1, 0.5, 2.0, 20.0]) * unit
-    right = gp.sound_velocities(gp.DirectSimulation(packing, shape, 5).at_force(forces), directions).velocities
-    for tolerance in (0.1, 0.02, 0.005):
-        for serving in gp.AutoMedium(packing, tolerance).choose("force", forces):
-            state = serving.medium.of(packing).at_force(forces[serving.loads])
-            found = gp.sound_velocities(state, directions).velocities
-            assert np.all(np.max(np.abs(found / right[serving.loads] - 1.0), axis=(1, 2)) <= serving.errors)
-            assert np.all(serving.errors <= tolerance)
-
-
 def test_long_lists_are_simulated_where_that_is_cheaper(unit):
     lot = gp.Measured(tuple((8e-3 + 2e-6 * np.random.default_rng(0).normal(size=300)).tolist()))
     packing = gp.Packing(gp.Material(70e9, 0.28, 2500.0), lot.mean, lot)
@@ -606,17 +592,6 @@ def test_the_states_of_a_scene_are_those_that_were_chosen(rough):
     assert sorted(float(f) for state in found.values() for f in state.force) == [6.0, 18.446, 90.0]
     without = dict(scene.states(simulations=False))
     assert 0 < len(without) < len(found)
-
-
-def test_a_sweep_from_the_command_line_with_workers(work):
-    assert main(["run", "sweep.yaml", "-o", "one", "-q", "--no-figures"]) == 0
-    assert main(["run", "sweep.yaml", "-o", "two", "-q", "--no-figures", "--workers", "2"]) == 0
-    one, two = (load_sweep(work / name / "sweep.nc") for name in ("one", "two"))
-    assert one.equals(two)
-    assert len(set(one["choice"].values.ravel().tolist())) == 3
-    assert (work / "one" / "sweep.csv").read_text(encoding="utf-8") == (work / "two" / "sweep.csv").read_text(
-        encoding="utf-8"
-    )
 
 
 @pytest.mark.parametrize("text", [SCENE, SWEEP])

@@ -692,19 +692,6 @@ def test_other_packings(steel):
         simulate(gp.Packing(steel, D, gp.Uniform(WIDTH), lattice="square"))
 
 
-@pytest.mark.parametrize(
-    "load", [0.0, -1.0, math.nan, math.inf, "a", None, 1j, [1.0, -1.0], [], [[1.0], [2.0, 3.0]]], ids=str
-)
-def test_loads_that_cannot_be(spread, load):
-    medium = simulate(spread, (3, 3))
-    for at in (medium.at_force, medium.at_pressure):
-        with pytest.raises(InputError):
-            at(load)
-    if load not in (0.0, -1.0, [1.0, -1.0]):
-        with pytest.raises(InputError):
-            medium.at_overlap(load)
-
-
 @pytest.mark.parametrize("load", [1e300, [5.0, 1e300], 1e13], ids=str)
 def test_loads_beyond_a_diameter(packing, spread, load):
     for medium in (simulate(spread, (3, 3)), simulate(packing, (3, 3))):

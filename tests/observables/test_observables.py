@@ -199,14 +199,6 @@ def test_frequencies_without_digits_are_refused(state, frequency):
         gp.pulse_velocities(state, frequency)
 
 
-def test_finite_overlap_of_the_experiment_is_small(packing, state):
-    following = gp.AveragedLattice(packing).at_force(state.force, finite_overlap=True)
-    here, there = gp.pulse_velocities(state, 6500.0), gp.pulse_velocities(following, 6500.0)
-    change = np.abs(there.phase / here.phase - 1)
-    assert np.all(change < 3 * state.relative_overlap)
-    assert np.all(change > 0.1 * state.relative_overlap)
-
-
 def test_a_wide_spread_is_warned_of():
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     for width, fine in ((2.04e-6, True), (0.8e-3, True), (0.9e-3, False), (7e-3, False)):
