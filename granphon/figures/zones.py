@@ -72,7 +72,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         for face, front in sorted(zip(faces, near, strict=True), key=lambda pair: pair[1]):
             look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
             look = look if front else {"edge": "0.75", "width": 0.4, "face": "none"}
-            painter.add_polygon(face, nearness=float(front), **look)
+            painter.add_polygon(face, float(front), **look)
         painter.draw(ax, "zone")
         outline, ends = view.project(np.concatenate(faces)), view.project(ends)
     elif periods == 2:
