@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 from granphon.figures.scales import FORCES
@@ -105,8 +104,12 @@ def plot_forces(
     figure = ax.get_figure()
     drawn: LineCollection | QuadMesh
     if show == "density":
-        across, along, density = layer.make_density()
-        drawn = ax.pcolormesh(across, along, density.T, cmap=FORCES, gid="density", rasterized=True)
+        # a contact counts half at each of its balls, so that none is lost at an edge of a periodic array
+        grid, (x, y) = layer.make_grid(), layer.places.T
+        total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (layer.sums, layer.counts))
+        with np.errstate(invalid="ignore"):  # nan where no ball is
+            density = total / count
+        drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
     else:
         drawn = _draw_chains(layer, ax, edges)
     left, bottom, right, top = edges
@@ -149,14 +152,19 @@ def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> t
 def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these edges, the left, lower, right and upper one, and their balls if there are few."""
     figure: Any = ax.get_figure()
-    left, bottom, right, top = edges
-    segments, forces = layer.make_lines(edges)
-    sites, widths, colours = layer.make_balls(edges)
+    lines, forces = layer.lines
+    low, high = np.array(edges[:2]), np.array(edges[2:])
+    near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
+    order = np.argsort(forces[near], kind="stable")  # the strong on top
+    segments, forces = lines[near][order], forces[near][order]
+    reach = layer.radii[:, None]
+    inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
+    sites, widths, colours = layer.places[inside], 2.0 * layer.radii[inside], layer.colours[inside].tolist()
     if not sites.size or not forces.size:
         mend = f"Give edges inside the array, in {layer.unit}"
         raise InputError(message("no ball of the array is in the window", mend=mend))
     # printed size of a diameter, in points, estimated because the layout is not known yet
-    size = np.array([right - left, top - bottom]) / layer.diameter
+    size = (high - low) / layer.diameter
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
     if len(sites) <= _MOST_OUTLINED:
         style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
@@ -198,7 +206,7 @@ class _Map:
     title: str
     unit: ClassVar[str]
 
-    @cached_property
+    @property
     def lines(self) -> tuple[Array, Array]:
         """The lines (m, 2, 2) of the contacts, and their forces (m,)."""
         raise NotImplementedError
@@ -208,36 +216,12 @@ class _Map:
         """Lengths of the sides, (2,)."""
         return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
 
-    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
-        """Return the balls (n, 2) between the edges, their diameters (n,), and their colours."""
-        reach = self.radii[:, None]
-        inside = np.all((self.places + reach > edges[:2]) & (self.places - reach < edges[2:]), axis=1)
-        return self.places[inside], 2.0 * self.radii[inside], self.colours[inside].tolist()
-
-    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return lines (m, 2, 2) and forces (m,), ascending, of contacts near the ``edges``."""
-        low, high = np.array(edges[:2]) - self.diameter, np.array(edges[2:]) + self.diameter
-        lines, forces = self.lines
-        near = np.all((lines > low) & (lines < high), axis=(1, 2))
-        order = np.argsort(forces[near], kind="stable")
-        return lines[near][order], forces[near][order]
-
     def make_grid(self) -> list[Array]:
         """Return the edges (m + 1,) and (n + 1,) of the squares over which forces are averaged."""
         side = max(_LEAST_SQUARE * self.diameter, float(np.max(self.size)) / _MOST_SQUARES)
         left, bottom, right, top = self.edges
         counts = np.maximum(1, np.round(self.size / side)).astype(int)
         return [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
-
-    def make_density(self) -> tuple[Array, Array, Array]:
-        """Return the edges of the squares of :meth:`make_grid`, and the mean force (m, n) in each; nan where no ball is.
-
-        A contact counts half at each of its balls, so that none is lost at an edge of a periodic array.
-        """
-        grid, (x, y) = self.make_grid(), self.places.T
-        total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (self.sums, self.counts))
-        with np.errstate(invalid="ignore"):
-            return grid[0], grid[1], total / count
 
     @property
     def length_unit(self) -> tuple[float, str]:
@@ -309,7 +293,7 @@ class _Layer(_Map):
             height, _write_title(sample), p < 3, sites, ends, shifts, table.normal[inside] @ plane, forces,
         )  # fmt: skip
 
-    @cached_property
+    @property
     def lines(self) -> tuple[Array, Array]:
         """The lines of the contacts that carry load: one across an edge of the array has two, one at each of its balls."""
         lines, values = list[Array](), list[Array]()
@@ -360,7 +344,7 @@ class _Network(_Map):
             1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)), title, network,
         )  # fmt: skip
 
-    @cached_property
+    @property
     def lines(self) -> tuple[Array, Array]:
         """The lines of all contacts: one across the edge of a period, or with a flat wall, ends where its balls touch."""
         network, places = self.network, self.network.positions

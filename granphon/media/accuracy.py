@@ -66,17 +66,11 @@ class Accuracy:
 
     def media(self) -> tuple[str, ...]:
         """Return the names of the media whose error is known, the cheapest first; the last is "simulation"."""
-        return tuple(next(iter(self._parts.values()))["errors"]["any"]["force"])
-
-    @property
-    def _parts(self) -> Mapping[str, Any]:
-        """The parts of the table, by the name of the lattice."""
-        parts: Mapping[str, Any] = self.data["lattices"]
-        return parts
+        return tuple(next(iter(self.data["lattices"].values()))["errors"]["any"]["force"])
 
     def _of(self, structure: Lattice, truth: FrictionHistory) -> Mapping[str, Any] | None:
         """Return the part of a lattice, or None."""
-        parts: Mapping[str, Any] = self.data["loaded"] if truth.is_loaded else self._parts
+        parts: Mapping[str, Any] = self.data["loaded" if truth.is_loaded else "lattices"]
         return parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
 
     def explain_uncovered(self, packing: Packing, truth: FrictionHistory = REST) -> str | None:
@@ -85,7 +79,7 @@ class Accuracy:
             return None
         part = self._of(packing.structure, truth)
         if part is None:
-            *others, last = self.data["loaded"] if truth.is_loaded else self._parts
+            *others, last = self.data["loaded" if truth.is_loaded else "lattices"]
             known = f"{', '.join(others)} and {last} lattices" if others else f"{last} lattice"
             against = " against arrays loaded with friction" if truth.is_loaded else ""
             return f"none were measured on the {packing.structure.name} lattice{against}; they were on the {known}"

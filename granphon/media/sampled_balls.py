@@ -126,7 +126,12 @@ class SampledBalls:
             why = f"The contacts {what} have the directions of the lattice anyway"
             raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
         require_small(self.ratio)
-        history.require_friction(self.packing)
+        if history.is_loaded and self.packing.structure.periods == 1:
+            why = "On a line contacts do not slip, so that friction does nothing"
+            raise InputError(message("a chain has no friction_history", why, "Leave it out"))
+        if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
+            why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
+            raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
         # a start that no sample can bear is refused, solving none
         start = history.start
         if isinstance(start, float) and self.packing.width:

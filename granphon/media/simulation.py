@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from typing import Any, Self
 
@@ -28,7 +28,7 @@ from granphon.base.results import read_only
 from granphon.dynamics.tensors import longitudinal_modulus
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
-from granphon.media.loading import LoadedSample, press_all, require_above
+from granphon.media.loading import LoadedSample, require_above
 from granphon.media.medium import MediumBase
 from granphon.media.sampled_balls import SampledBalls
 from granphon.media.sampled_state import SampledState
@@ -411,12 +411,34 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         return simulation._press(load, simulation.prescribed(load), progress)
 
     def _press(self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent) -> SimulatedState:
-        samples, reached, error = press_all(self, prescribed, progress)
+        """Load all samples along one path; an error at which it ends has ``reached`` the state at the loads before."""
+        order = self.history.sort(prescribed)
+        path = [prescribed[place] for place in order]
+        jobs = [partial(self._loaded_sample(index).press, path) for index in range(self.samples)]
+        with progress.step("loading with friction", len(path) * len(jobs)) as step:
+            if self.executor is None:
+                found = [job(report=step.advance) for job in jobs]
+            else:
+                waiting, found = [self.executor.submit(job) for job in jobs], []
+                for one in waiting:
+                    found.append(one.result())
+                    step.advance(len(path))
+        reached = min(len(samples) for samples, _ in found)
+        places = sorted(range(reached), key=lambda place: order[place])
+        every = [samples[place] for place in places for samples, _ in found]
+        error = next((error for samples, error in found if error is not None and len(samples) == reached), None)
         if error is None:
-            return SimulatedState.of(self, samples, load)
+            return SimulatedState.of(self, every, load)
+        if error.load_index is not None:
+            error.load_index = order[error.load_index]
         if reached:
-            error.reached = SimulatedState.of(self, samples, load.flat[reached])
+            error.reached = SimulatedState.of(self, every, load.flat[[order[place] for place in places]])
         raise error
+
+    def _loaded_sample(self, index: int) -> LoadedSample:
+        """Return one of the samples, as it is loaded with friction."""
+        deviations = read_only(self.deviations(index))
+        return LoadedSample(self.packing, self.seed_of(index), deviations, self.history, self.ratio, self.workers)
 
     def prescribed(self, load: Load) -> list[ReducedLoad]:
         """Convert each value of an applied load to a prescribed force or overlap in reduced units, in C order.
@@ -462,7 +484,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         if self.count_start(load):
             path = self.prescribed(load)
             for index in range(self.samples):
-                LoadedSample.of(self, index).require_start(path)
+                self._loaded_sample(index).require_start(path)
 
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""

@@ -95,12 +95,6 @@ def test_what_is_no_medium(value, told):
     assert told in str(error.value)
 
 
-def test_a_choice_checks_itself():
-    for arguments in (("emma",), ("ala", (("seed", 1),)), ("simulation", (("samples", 0),))):
-        with pytest.raises(InputError, match=r"medium.*allowed: "):
-            MediumChoice(*arguments)
-
-
 def test_only_one_of_them_leaves_the_choice_to_the_load():
     for name in MEDIA.keys() - {"auto"}:
         MediumChoice(name).require_fixed("a fit")
