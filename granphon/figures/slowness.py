@@ -106,11 +106,8 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
         points = slowness[:, b, None] * circle
         dashed = across[:, b].mean() > _ACROSS
         pieces = np.stack([points[:-1], points[1:]], axis=1)
-        shades: dict[str, Any] = {
-            "array": 0.5 * (along[1:, b] + along[:-1, b]),
-            "cmap": POLARISATION,
-            "norm": Normalize(0, 1),
-        }
+        shades: dict[str, Any] = {"cmap": POLARISATION, "norm": Normalize(0, 1)}
+        shades["array"] = 0.5 * (along[1:, b] + along[:-1, b])
         if dashed:
             # five degrees drawn, five left out
             drawn = np.arange(len(pieces)) % 10 < 5
@@ -202,7 +199,12 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
         colours[:, :3] *= bright[:, None]
         painter.add_mesh(faces[shown], colours[shown])
         if wave:
-            for rim in _list_rims(points, ways, facing):
+            # the edges of the octant that is taken out
+            half = quarter = _SURFACE // 2  # the mesh has twice as many meridians as half a turn
+            start = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[facing[0], facing[1]] * quarter
+            upright = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
+            sides = (points[upright, start], points[upright, start + quarter])
+            for rim in (*sides, points[half, start : start + quarter + 1]):
                 painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)
     longest = float(slowness.max())
     for axis, name in enumerate("xyz"):
@@ -224,15 +226,6 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
     if colorbar:
         add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
     return ax
-
-
-def _list_rims(points: Array, ways: Array, facing: Array) -> list[Array]:
-    """Return the edges of the octant that ``facing`` points to, on the surface ``points`` (n_polar, n_azimuth, 3)."""
-    half, quarter = (len(points) - 1) // 2, (points.shape[1] - 1) // 4
-    polar = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
-    at = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[float(facing[0]), float(facing[1])]
-    start, stop = at * quarter, (at + 1) * quarter
-    return [points[polar, start], points[polar, stop], points[half, start : stop + 1]]
 
 
 def slowness_figure(state: ContactState, *, title: str | None = None) -> Figure:

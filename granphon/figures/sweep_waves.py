@@ -75,12 +75,11 @@ def plot_sweep_dos(dataset: Dataset, ax: Axes) -> Axes:
     Raises :class:`~granphon.base.errors.InputError` if the sweep has none.
     """
     _require(dataset, "dos_total", "densities of states")
-    names = ("frequency", "total", "error")
-    states = [
-        (colour, words, [_take(dataset, f"dos_{name}", at) for name in names])
+    curves = [
+        (colour, words, *(_take(dataset, f"dos_{name}", at) for name in ("frequency", "total", "error")))
         for colour, words, at in _choose_states(dataset)[0]
     ]
-    draw_densities(ax, [(colour, words, *values) for colour, words, values in states])
+    draw_densities(ax, curves)
     return ax
 
 

@@ -170,14 +170,6 @@ def test_the_script_measures_what_the_table_bounds(maker, lattice, shape):
         assert np.all(errors[errors < maker.FAILED] > 0.0)
 
 
-def test_a_bound_never_rises_with_the_load(maker):
-    errors = np.array([[1.0, 3.0, 2.0]])
-    assert maker.falling(errors, "uniform") == [[3.45, 3.45, 2.3]]
-    # of listed diameters each load counts at those next to it as well
-    assert maker.falling(errors, "any") == [[3.9, 3.9, 3.9]]
-    assert maker.falling(np.array([[4.0, 3.0, 2.0]]), "any") == [[5.2, 5.2, 3.9]]
-
-
 def test_a_table_of_another_schema_is_refused(monkeypatch, tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "accuracy.json").write_text(json.dumps({**accuracy().data, "schema": 4}), encoding="utf-8")
@@ -295,15 +287,6 @@ def test_what_is_not_covered_says_why_and_has_an_infinite_error(packing, told):
 def test_what_the_table_was_made_of_is_covered(maker, lattice):
     for spread in (*maker.measured_shapes(lattice).values(), *maker.other_shapes().values()):
         assert accuracy().explain_uncovered(maker.packing(spread, 0.3, lattice)) is None
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_so_many_balls_have_the_error_that_was_asked_for(kind):
-    packing = balls()
-    loads = load(packing, kind, [0.6, 5.0])
-    for tolerance in (0.1, 1e-3):
-        number = float(np.max((accuracy().error("simulation", packing, loads, 1) / tolerance) ** 2))
-        assert_allclose(np.max(accuracy().error("simulation", packing, loads, number)), tolerance, rtol=1e-12)
 
 
 @pytest.mark.filterwarnings("error")
