@@ -77,6 +77,9 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
     def deform(balls: Array) -> Array:
         return stencils.deformations(Motion(balls, 0.0))
 
+    def square(values: Array) -> float:  # of an array that is not kept
+        return dot(values, values)
+
     def precondition(force: Single) -> Single:
         return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
@@ -84,9 +87,9 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
     for tension in tensions:
         rest = pull(tension)
         found, taken, before = np.zeros_like(rest), 0, math.inf
-        left, over = dot(rest, precondition(rest)), tension / mean
+        left = dot(rest, precondition(rest))
         # a tension that is in balance except for rounding moves nothing; squares of the smallest ones would vanish
-        aim = max(reduction**2 * left, _NOISE**2 * dot(over, over))
+        aim = max(reduction**2 * left, _NOISE**2 * square(tension / mean))
         while aim < left < _STALLED * before:
             ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
             most = _MOST_ITERATIONS - taken
