@@ -318,7 +318,7 @@ def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypa
 
 def test_a_density_of_states_asks_for_few_weights_and_holds_few_at_a_time(state, monkeypatch):
     """Of all modes and frequencies, only those are asked for that lie between the values of neighbouring wave vectors."""
-    from granphon.phonons import mesh_integrals as module
+    from granphon.phonons import phonons as module
 
     sizes: list[int] = []
     weights = module.get_integration_weights
