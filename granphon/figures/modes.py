@@ -304,29 +304,23 @@ def _draw_spheres(
             if length > _LEAST:
                 painter.add_arrow(centre + radius / length * arrow, arrow, colour, _SHAFT)
         if not moved and scale * np.linalg.norm(phi) > _LEAST:
-            _add_arc(painter, centre, 1.03 * radius, phi)
+            # the arc through which a point of the surface, on the side of the viewer, is turned, with a head
+            toward, reach, rim = view.axes[2], float(np.linalg.norm(phi)), 1.03 * radius
+            axis = phi / reach
+            front = toward - (toward @ axis) * axis
+            if np.linalg.norm(front) < 1e-3:  # it turns about the line of sight
+                front = view.axes[1] - (view.axes[1] @ axis) * axis
+            front = front / np.linalg.norm(front)
+            side = np.cross(axis, front)
+            angles = reach * np.linspace(-0.5, 0.5, 25)
+            arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
+            near, end, head = float(view.nearness(centre)) + 1e-3 * rim, angles[-1], 0.5 * rim
+            painter.add_line(arc, VERMILION, 1.1, nearness=near)
+            tangent = -np.sin(end) * front + np.cos(end) * side
+            painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)
     painter.draw(ax, "spheres", fade=_FADE)
     low, high = painter.extent
     hide_axes(ax, low - 0.05, high + 0.05)
-
-
-def _add_arc(painter: Painter, centre: Array, radius: float, phi: Array) -> None:
-    """Add the arc through which a point of the surface, on the side of the viewer, is turned by ``phi``, with a head."""
-    toward, angle = painter.view.axes[2], float(np.linalg.norm(phi))
-    axis = phi / angle
-    front = toward - (toward @ axis) * axis
-    if np.linalg.norm(front) < 1e-3:  # it turns about the line of sight
-        front = painter.view.axes[1] - (painter.view.axes[1] @ axis) * axis
-    front = front / np.linalg.norm(front)
-    side = np.cross(axis, front)
-    angles = angle * np.linspace(-0.5, 0.5, 25)
-    arc = centre + radius * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
-    near = float(painter.view.nearness(centre)) + 1e-3 * radius
-    painter.add_line(arc, VERMILION, 1.1, nearness=near)
-    end = angles[-1]
-    tangent = -np.sin(end) * front + np.cos(end) * side
-    head = 0.5 * radius
-    painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)
 
 
 def _find_amplitude(motion: NDArray[Any]) -> float:

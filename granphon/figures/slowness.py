@@ -94,7 +94,15 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
     periods = state.packing.structure.periods
     if periods == 2 and plane is not None:
         raise InputError(message("the lattice is a plane", "It has no other cut", "Leave plane out"))
-    span = _span(_CUTS[0] if plane is None else plane)
+    try:
+        first, second = (one_direction(way, 3) for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        what = "plane is not two directions in space"
+        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
+    second = second - (first @ second) * first
+    if np.linalg.norm(second) < 1e-9:
+        raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
+    span = np.array([first, second / np.linalg.norm(second)])
     # between the directions of high symmetry, in which the polarisations of transverse waves are any
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -128,19 +136,6 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
     if colorbar:
         add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
     return ax
-
-
-def _span(plane: ArrayLike) -> Array:
-    """Return two perpendicular unit vectors (2, 3) that span ``plane``."""
-    try:
-        first, second = (one_direction(way, 3) for way in np.asarray(plane, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        what = "plane is not two directions in space"
-        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
-    second = second - (first @ second) * first
-    if np.linalg.norm(second) < 1e-9:
-        raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
-    return np.array([first, second / np.linalg.norm(second)])
 
 
 def _name_direction(way: Array) -> str:
