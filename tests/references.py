@@ -90,15 +90,16 @@ _LAST_FORCE = 0.99
 _LAST_DISTANCE = 1e-9
 
 
-def balance(balls: BallSums, k: float, xi: float, rise: float = 1.0) -> tuple[float, float, float]:
-    """Return G(y, k), dG/dt where dy/dt = ``rise``, and dG/dk; f = G(y, k) solves equation (36)."""
+def balance(balls: BallSums, k: Any, xi: float, rise: float = 1.0) -> tuple[Any, Any, Any]:
+    """Return G(y, k), dG/dt where dy/dt = ``rise``, and dG/dk, like k; f = G(y, k) solves equation (36)."""
     weights, force, stiffness, slope = balls
-    part = weights / (stiffness + xi * k)
-    total = np.sum(part)
-    f = np.sum(part * force) / total
-    bent = part / (stiffness + xi * k) * (force - f)
-    by_place = (rise * np.sum(part * stiffness) - np.sum(bent * slope)) / total
-    return float(f), float(by_place), float(-xi * np.sum(bent) / total)
+    held = stiffness + xi * np.asarray(k)[..., None]
+    part = weights / held
+    total = np.sum(part, axis=-1)
+    f = np.sum(part * force, axis=-1) / total
+    bent = part / held * (force - f[..., None])
+    by_place = (rise * np.sum(part * stiffness, axis=-1) - np.sum(bent * slope, axis=-1)) / total
+    return f, by_place, -xi * np.sum(bent, axis=-1) / total
 
 
 def integrate_curve(

@@ -110,17 +110,21 @@ class _Clusters:
         self._means, self._of_contact = self._means[contacts], self._of_contact[contacts]
         self._moved, self._numbers, self._of_ball = self._moved[:, balls], self._numbers[balls], self._of_ball[balls]
 
-    def _find_forces(self, moved: Array) -> tuple[Array, Array, Array, Array]:
-        """Return forces on balls, roots of overlaps, distances |w|, and directions n; see true_geometry."""
-        padded, count = np.pad(moved, ((0, 0), (0, 1))), moved.shape[1]
-        v = self._fixed + padded[:, self._j] - padded[:, self._i]
-        w = self._normal + self._ratio * v
+    def _find_forces(self, moved: Array, some: Any = slice(None)) -> tuple[Array, Array, Array, Array]:
+        """Return forces on balls, roots of overlaps, distances |w|, and directions n; see geometry.
+
+        The forces are those of ``some`` contacts, to which the other arrays belong.
+        """
+        padded, count, i, j = np.pad(moved, ((0, 0), (0, 1))), moved.shape[1], self._i[some], self._j[some]
+        straight = self._normal[:, some]
+        v = self._fixed[:, some] + padded[:, j] - padded[:, i]
+        w = straight + self._ratio * v
         size = np.sqrt(np.sum(w * w, axis=0))
         w /= size
-        change = np.sum((2.0 * self._normal + self._ratio * v) * v, axis=0) / (1.0 + size)
-        root = np.sqrt(np.maximum(self._means - change, 0.0))
+        change = np.sum((2.0 * straight + self._ratio * v) * v, axis=0) / (1.0 + size)
+        root = np.sqrt(np.maximum(self._means[some] - change, 0.0))
         push = root**3 * w
-        pull = [np.bincount(self._j, one, count + 1)[:count] - np.bincount(self._i, one, count + 1)[:count] for one in push]
+        pull = [np.bincount(j, one, count + 1)[:count] - np.bincount(i, one, count + 1)[:count] for one in push]
         return np.array(pull), root, size, w
 
     def _find_step(self, pull: Array, root: Array, size: Array, normal: Array, left: Array, force: float) -> Array:
@@ -160,18 +164,23 @@ class _Clusters:
         of_contact = part[np.minimum(self._i, self._j)]
         first, most = np.bincount(part, np.sum(pull * step, axis=0), groups), np.zeros(groups)
         np.maximum.at(most, part, np.sum(pull**2, axis=0))
-        resting = most <= at_rest**2
-        low, high, length = np.zeros(groups), np.full(groups, np.inf), np.where(resting, 0.0, 1.0)
+        done = most <= at_rest**2
+        low, high, length = np.zeros(groups), np.full(groups, np.inf), np.where(done, 0.0, 1.0)
+        some: Any = slice(None)
         for trial in range(_LENGTHS):
             self._moved = begun + length[part] * step
-            pull, root, _, normal = self._find_forces(self._moved) if trial or np.any(resting) else at_end
+            pull, root, _, normal = at_end
+            if trial or np.any(done):  # forces between balls of which none goes on are not needed
+                active = np.append(~done[part], False)
+                some = np.flatnonzero(active[self._i] | active[self._j])
+                pull, root, _, normal = self._find_forces(self._moved, some)
             slope = -np.bincount(part, np.sum(pull * step, axis=0), groups)
             low, high = np.where(slope < 0.0, length, low), np.where(slope > 0.0, length, high)
-            done = resting | (slope <= 0.0) & (high == np.inf) | (np.abs(slope) <= _SLOPE * first)
+            done |= (slope <= 0.0) & (high == np.inf) | (np.abs(slope) <= _SLOPE * first)
             if np.all(done):
                 break
             # of one contact that closes on the way the slope is -first + c (length - place)^(3/2)
-            rise = np.bincount(of_contact, 1.5 * root * np.sum(normal * ahead, axis=0) ** 2, groups)
+            rise = np.bincount(of_contact[some], 1.5 * root * np.sum(normal * ahead[:, some], axis=0) ** 2, groups)
             above = np.where(done | (slope <= 0.0), 1.0, first + slope)
             change = np.where(slope > 0.0, 1.5 * (1.0 - np.cbrt(first / above) ** 2) * above, slope)
             near = length - change / np.where(rise > 0.0, rise, np.inf)

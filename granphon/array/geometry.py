@@ -236,16 +236,17 @@ class ExactGeometry:
         def apply(product: ContactHessian, vector: Array) -> Array:
             return join(*product(*split(vector)))
 
-        count = 0
+        count, limit = 0, most or MOST_ITERATIONS
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
             found, taken, stable = conjugate_gradients(
                 partial(apply, product),
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, most or MOST_ITERATIONS,
+                join(*right), reduction, limit,
             )  # fmt: skip
             count += taken
-            if stable:
+            # with the true sign a system that is hardly stable has no end; a limit that is given is one of patience
+            if stable and (most is not None or taken < limit):
                 break
         return split(found), count
 
@@ -427,11 +428,15 @@ class ExactPlace:
 
         It gives the sum of forces along the directions on the lattice, which differs by a part of order eps.
         """
+        return self.geometry.frame.couple(self.tabulate_stiffness(stiffness, forces))
+
+    def tabulate_stiffness(self, stiffness: Array, forces: Array) -> Array:
+        """Return what :meth:`tabulate` yields without tangential forces and rotations: (p, p, n_c, L1, ..., Lp)."""
         n, aside = np.array(self.normal[: self.geometry.dimension]), self.geometry.ratio * forces / self.size
         table = (stiffness + aside) * n[:, None] * n
         for a in range(len(n)):
             table[a, a] -= aside
-        return self.geometry.frame.couple(table)
+        return np.asarray(table)
 
     def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
         """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""

@@ -77,6 +77,9 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
     def deform(balls: Array) -> Array:
         return stencils.deformations(Motion(balls, 0.0))
 
+    def square(values: Array) -> float:  # of an array that is not kept
+        return dot(values, values)
+
     def precondition(force: Single) -> Single:
         return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
@@ -84,9 +87,9 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
     for tension in tensions:
         rest = pull(tension)
         found, taken, before = np.zeros_like(rest), 0, math.inf
-        left, over = dot(rest, precondition(rest)), tension / mean
+        left = dot(rest, precondition(rest))
         # a tension that is in balance except for rounding moves nothing; squares of the smallest ones would vanish
-        aim = max(reduction**2 * left, _NOISE**2 * dot(over, over))
+        aim = max(reduction**2 * left, _NOISE**2 * square(tension / mean))
         while aim < left < _STALLED * before:
             ahead, given = max(math.sqrt(aim / left), _SINGLE), rest.astype(np.float32)
             most = _MOST_ITERATIONS - taken
@@ -146,14 +149,9 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     product = None if table is None else frame.couple(table)
     matrix: Any = None
     if small if symmetric else few:
-        # the whole matrix, with what holds motions that nothing holds; fields are one after the other
-        i, j = frame.ends_of_rows()
-        (head, tail), number = frame.coefficients, np.arange(j.size)
-        c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
-        columns = np.array([np.reshape(one, (len(one), -1)) for one in (tabulate() if table is None else table)])
-        of_contact = number.reshape(1, len(columns), -1)
-        d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
-        matrix = (c.T.tocsr() @ (d @ c) + _HOLDING * stiff * eye_array(c.shape[1])).tocsr()
+        # with what holds motions that nothing holds
+        matrix = compose_hessian(frame, tabulate() if table is None else table)
+        matrix = (matrix + _HOLDING * stiff * eye_array(matrix.shape[0])).tocsr()
 
     def offer_inverses() -> Iterator[tuple[Inverse, int]]:
         """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one."""
@@ -265,6 +263,20 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
             tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
     tensor /= measure
     return np.asarray(0.5 * (tensor + tensor.T))
+
+
+def compose_hessian(frame: Stencils, tables: Iterable[Array]) -> Any:
+    """Return the whole matrix, sparse; fields are one after the other.
+
+    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``.
+    """
+    i, j = frame.ends_of_rows()
+    (head, tail), number = frame.coefficients, np.arange(j.size)
+    c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
+    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
+    of_contact = number.reshape(1, len(columns), -1)
+    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
+    return (c.T.tocsr() @ (d @ c)).tocsr()
 
 
 def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:

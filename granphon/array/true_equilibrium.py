@@ -35,8 +35,9 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
-from granphon.array.preconditioners import Preconditioners
+from granphon.array.linear_response import ActingForces, compose_hessian, find_elastic_tensor, find_motions
+from granphon.array.preconditioners import MOST_BALLS, Preconditioners
+from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -44,7 +45,7 @@ Array = NDArray[np.float64]
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about that
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
-_LEAST_TOLERANCE = 1e-13
+_LEAST_TOLERANCE = 1e-12
 #: Newton steps, at most
 _NEWTON_STEPS = 400
 #: trials of a line search, at most
@@ -54,19 +55,30 @@ _LENGTHS = 12
 _MOST_STIFF = 0.8
 #: force of a contact, over the mean, up to which it is light: balls with fewer heavy contacts than hold one are loose
 _LIGHT = 1e-3
-#: largest number of times that loose balls, and then all together, are brought nearer to rest
-_ROUNDS = 40
+#: largest number of times that loose balls, and then all together, are brought nearer to rest; from a saddle, where rounding
+#: alone decides which way to go, the way down takes some ten of them
+_ROUNDS = 150
 #: force that may be left on a loose ball, over the mean, in units of W/d or of what is left on others, if that is less
 _OF_LOOSE = 1e-3
 #: force left on a ball after a step, over the most before it, from which the ball counts as loose too
 _FAILED = 0.3
+#: force left on a ball after a whole step of Newton's method, over the mean, from which the step is not taken; loose balls
+#: that it pushes into others are left with up to about one
+_TOO_FAR = 3.0
+#: relative residual of the equations of a step, at most: with more of it soft motions are hardly solved for, and come to
+#: rest over many steps more (128 x 128 balls at a* = 0.4: 43 steps with 0.1, 29 with 0.01, 36 with 0.001)
+_INEXACT = 1e-2
+#: length of a step away from a saddle, in steps of Newton's method with the other sign, at most
+_LONGEST = 2.0**10
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at least: the distance in W
 _ASIDE = 1e-2
 #: largest number of times that balls go down from a saddle
 _MOST_SADDLES = 50
 #: part of the error of a response to random forces that is left when the curvature has been probed
 _PROBED = 1e-6
-#: iterations of conjugate gradients that probe the curvature, at most
+#: iterations of conjugate gradients that probe the curvature, after which factors are tried
+_PROBE_PATIENCE = 200
+#: the same, at most
 _PROBE_STEPS = 20_000
 #: curvature below zero, over that of the same contacts if they moved along their directions, that may be rounding
 _ROUNDING = 1e-13
@@ -138,12 +150,12 @@ class TrueEquilibrium(Equilibrium):
         more = bend - place.lose(place.geometry.split(Motion(motion, 0.0))[0])
         return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
 
-    def find_negative_curvature(self, inverse: Inverse) -> tuple[Array | None, int]:
+    def find_negative_curvature(self, inverse: Inverse, patience: int = _PROBE_PATIENCE) -> tuple[Array | None, int]:
         """Return a motion of the balls along which the curvature of the energy is below zero, None if there is none.
 
         The overlap y is kept. Conjugate gradients look for the response to random forces, of which each contact bears as
         much energy along its direction as across; while they do, they meet such a motion. The number is that of iterations;
-        ``inverse`` is that of the array.
+        ``inverse`` is that of the array. After ``patience`` iterations factors are tried, where they are small.
         """
         acting, down, generator = self._act(min(self.residual, _LEAST_TOLERANCE)), list[Array](), np.random.default_rng(0)
         along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
@@ -163,10 +175,36 @@ class TrueEquilibrium(Equilibrium):
             return change
 
         right = np.ravel(self.place.geometry.join((push[0], push[1], push[2]), *_STILL))
-        _, taken, _ = conjugate_gradients(
-            apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, _PROBE_STEPS
-        )
+        taken = 0
+        for limit in (patience, _PROBE_STEPS):
+            _, more, _ = conjugate_gradients(
+                apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, limit
+            )
+            taken += more
+            if down or more < limit or self._has_pivots_above_zero(acting):
+                break
         return (down[0] if down else None), taken
+
+    def _has_pivots_above_zero(self, acting: ActingForces) -> bool:
+        """Return whether factors show that no curvature is below zero; only in a plane, where factors are small.
+
+        Elimination without exchange of rows has pivots above zero if the matrix is positive definite, and only then.
+        """
+        from scipy.sparse import diags_array  # imported here: most simulations do not need it
+
+        p = len(self.stencils.shape)
+        if p != 2 or self.deviations.size > MOST_BALLS[1]:
+            return False
+        table = self.place.tabulate_stiffness(acting.springs, acting.forces)
+        for axis in range(p):
+            table[axis, axis] += _ROUNDING * acting.springs
+        matrix = compose_hessian(self.place.geometry.frame, table)
+        # balls that touch no other cost no energy, nor does a motion of all balls: they are held, and one of all
+        diagonal = matrix.diagonal().reshape(p, -1)
+        held = np.where(diagonal > 0.0, 0.0, 1.0)
+        held[:, np.argmax(diagonal[0])] = 1.0
+        factors = factorise(matrix + diags_array(float(np.mean(acting.springs)) * held.ravel()))
+        return bool(np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0))
 
     def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
         """Return the (n, n) elastic tensor with springs at every contact that carries load, ``shear`` (eta) being a number.
@@ -268,7 +306,17 @@ class _Path:
                     return state
             before = max(trial.left, trial.missed)
             step = self._find_step(trial, truly=True)
-            trial = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            ahead = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            slope, length = trial.slope(step), 1.0
+            # away from a saddle a step with the other sign is as long as the way so far: go on while the energy falls faster
+            while ahead.slope(step) < slope and length < _LONGEST:
+                slope, length = ahead.slope(step), 2.0 * length
+                farther = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+                if farther.left > _TOO_FAR or farther.slope(step) > slope:
+                    break
+                ahead = farther
+            # with the true sign, a step along which there is hardly any curvature has no end
+            trial = ahead if ahead.left <= _TOO_FAR else self._search(trial)
             loose |= trial.on_balls > _FAILED * before
         return None
 
@@ -289,22 +337,7 @@ class _Path:
                     return state
                 if self._saddles > _MOST_SADDLES:
                     break
-            # go along the step as far as the energy falls fast
-            step = self._find_step(trial)
-            first = trial.slope(step)
-            low, high, at_low, length = 0.0, math.inf, first, 1.0
-            for _ in range(_LENGTHS):
-                there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
-                slope = there.slope(step)
-                if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
-                    break
-                if slope > 0.0:
-                    high = length
-                    length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
-                else:
-                    low, at_low = length, slope
-                    length = 0.5 * (low + high)
-            trial = there
+            trial = self._search(trial)
         raise ConvergenceError(
             message(
                 f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
@@ -312,6 +345,24 @@ class _Path:
                 "Raise the load, take fewer balls, or the directions of the lattice (geometry: lattice)",
             )
         )
+
+    def _search(self, trial: _Trial) -> _Trial:
+        """Return the state after a step of Newton's method, as far along it as the energy falls fast."""
+        step = self._find_step(trial)
+        first = trial.slope(step)
+        low, high, at_low, length = 0.0, math.inf, first, 1.0
+        for _ in range(_LENGTHS):
+            there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+            slope = there.slope(step)
+            if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
+                break
+            if slope > 0.0:
+                high = length
+                length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
+            else:
+                low, at_low = length, slope
+                length = 0.5 * (low + high)
+        return there
 
     def _try(self, balls: Array, overlap: float) -> _Trial:
         return _Trial(self._geometry.place(balls, overlap), self._load)
@@ -326,7 +377,7 @@ class _Path:
         for limit in (most, None) if most else (None,):
             step, conjugate = self._geometry.solve(
                 trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverse,
-                min(0.1, max(math.sqrt(distance), 0.3 * self._tolerance / distance)),
+                min(_INEXACT, max(math.sqrt(distance), 0.3 * self._tolerance / distance)),
                 self._load.overlap is None, truly, limit,
             )  # fmt: skip
             self._inverses.count(conjugate)

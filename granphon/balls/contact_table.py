@@ -219,23 +219,19 @@ def _find_pieces(i: Iterable[int], j: Iterable[int], shift: Iterable[tuple[int, 
                     places[other] = there
                     left.append(other)
                 rings.add(tuple(a - b for a, b in zip(there, places[other], strict=True)))
-        out.append(_find_rank(rings, periods))
+        # rank and index of the lattice that these make: the index among integers in its own span
+        rows, basis = [list(one) for one in rings], list[list[int]]()
+        for column in range(periods):
+            while len(live := sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))) > 1:
+                for row in live[1:]:
+                    times = row[column] // live[0][column]
+                    row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
+            basis += live
+            rows = [row for row in rows if not row[column]]
+        minors = itertools.combinations(range(periods), len(basis))
+        square = np.array(basis, float).reshape(len(basis), periods)
+        out.append((len(basis), math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors))))
     return out
-
-
-def _find_rank(vectors: Iterable[tuple[int, ...]], periods: int) -> tuple[int, int]:
-    """Return rank and index of the lattice that vectors of integers make: the index among integers in its own span."""
-    rows, basis = [list(one) for one in vectors], list[list[int]]()
-    for column in range(periods):
-        while len(live := sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))) > 1:
-            for row in live[1:]:
-                times = row[column] // live[0][column]
-                row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
-        basis += live
-        rows = [row for row in rows if not row[column]]
-    minors = itertools.combinations(range(periods), len(basis))
-    square = np.array(basis, float).reshape(len(basis), periods)
-    return len(basis), math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors))
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:

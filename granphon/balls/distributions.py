@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -80,12 +80,11 @@ class Shape(ABC):
         """
 
     @abstractmethod
-    def _average_over_other(self, overlap: Array, power: float) -> Array:
-        """Average over the other ball, <(s + x'/2)_+^p>, where ``overlap`` is s = y + x/2."""
+    def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
+        """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y.
 
-    @abstractmethod
-    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
-        """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y."""
+        Without ``pairs`` it is over the other ball alone, <(s + x'/2)_+^p>, where ``overlap`` is s = y + x/2.
+        """
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
         """Average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p = 0.
@@ -95,8 +94,8 @@ class Shape(ABC):
         if power not in np.arange(-0.5, 3.1, 0.5):
             raise InputError(message(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3"))
         if x is None:
-            return self._average_over_pairs(np.asarray(y, float), power)[()]
-        return self._average_over_other(np.asarray(y, float) + 0.5 * np.asarray(x, float), power)[()]
+            return self._average(np.asarray(y, float), power, True)[()]
+        return self._average(np.asarray(y, float) + 0.5 * np.asarray(x, float), power, False)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
         """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
@@ -125,6 +124,27 @@ class _Density(Shape):
     @abstractmethod
     def _compute_fraction_below(self, x: Array) -> Array:
         """Fraction of the balls below x."""
+
+    @abstractmethod
+    def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        """Return the pieces of the distribution of (x + x')/2, or of x'/2, and the number of Gauss nodes on each."""
+
+    def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
+        """The integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2)."""
+        pieces, order = self._divide(power, pairs)
+
+        def evaluate(flat: Array) -> Array:
+            y = flat[:, None]
+            total = np.zeros(len(y))
+            for start, end, density in pieces:
+                first = np.maximum(start, -y)
+                length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
+                root, rise, fall, weight = _make_root_nodes(np.maximum(start + y, 0.0), length, order)
+                value = density(first + rise, (first - start) + rise, fall)
+                total += np.sum(2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
+            return total
+
+        return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // order)
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -172,16 +192,13 @@ class UniformShape(_Density):
         """The x below which the part u = ``probability`` of the balls lies: u - 1/2."""
         return (np.asarray(probability, float) - 0.5)[()]
 
-    def _average_over_other(self, overlap: Array, power: float) -> Array:
-        # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the integrand has degree 2p + 1 in the root
-        return _integrate_power(
-            overlap, power, [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1
-        )
-
-    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
+    def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        if not pairs:
+            # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; degree 2p + 1 in the root
+            return [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1
         # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3 in the root
         rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
-        return _integrate_power(overlap, power, [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2)
+        return [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2
 
 
 @dataclass(frozen=True)
@@ -206,11 +223,6 @@ class NormalShape(_Density):
     def _kept(self) -> float:
         return math.erf(self.cutoff / math.sqrt(2.0))
 
-    @cached_property
-    def _panels(self) -> list[tuple[float, float]]:
-        """Pieces of [-b, b], at most 3 std long, that meet at 0."""
-        return list(pairwise(np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist()))
-
     def _compute_density(self, x: Array) -> Array:
         return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / (self._std * math.sqrt(2.0 * math.pi) * self._kept))
 
@@ -227,14 +239,13 @@ class NormalShape(_Density):
         tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0)) + self._kept * (0.5 - np.abs(off))
         return (np.sign(off) * self._std * np.clip(-ndtri(tail), 0.0, self.cutoff))[()]
 
-    def _average_over_other(self, overlap: Array, power: float) -> Array:
-        def density(t: Array, rise: Array, fall: Array) -> Array:
-            return 2.0 * self._compute_density(2.0 * t)
-
-        return _integrate_power(overlap, power, [(0.5 * a, 0.5 * b, density) for a, b in self._panels], 24)
-
-    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
+    def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
         from scipy.special import erf
+
+        # pieces of [-b, b], at most 3 std long, that meet at 0
+        panels = pairwise(np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist())
+        if not pairs:
+            return [(0.5 * a, 0.5 * b, lambda t, rise, fall: 2.0 * self._compute_density(2.0 * t)) for a, b in panels], 24
 
         def piece(a: float, b: float) -> Piece:
             def density(t: Array, rise: Array, fall: Array) -> Array:
@@ -245,7 +256,7 @@ class NormalShape(_Density):
 
             return a, b, density
 
-        return _integrate_power(overlap, power, [piece(a, b) for a, b in self._panels], 24)
+        return [piece(a, b) for a, b in panels], 24
 
 
 @dataclass(frozen=True)
@@ -287,12 +298,18 @@ class PointShape(Shape):
         """As :meth:`Shape.nodes`."""
         return Nodes(*(np.broadcast_to(values, (*np.shape(y), values.size)) for values in self._points))
 
-    def _average_over_other(self, overlap: Array, power: float) -> Array:
+    def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
+        """The sum of w (y + t)_+^p over the places t of pairs, or of single balls, with their weights w."""
         x, w = self._points
-        return _sum_power(overlap, power, 0.5 * x, w)
+        places, weights = self._pairs if pairs else (0.5 * x, w)
 
-    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
-        return _sum_power(overlap, power, *self._pairs)
+        def evaluate(y: Array) -> Array:
+            gap = y[:, None] + places
+            root = np.sqrt(np.where(gap > 0.0, gap, np.inf if power < 0.0 else 0.0))
+            terms = _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
+            return np.asarray(np.sum(terms * weights, axis=-1))  # not @, whose rounding depends on the other rows
+
+        return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // places.size)
 
 
 @lru_cache(maxsize=64)
@@ -329,34 +346,6 @@ def _raise_to_power(root: Array, exponent: int) -> Array:
     for _ in range(exponent // 2):
         out = out * square
     return out
-
-
-def _integrate_power(overlap: Array, power: float, pieces: Sequence[Piece], order: int) -> Array:
-    """Integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2); ``overlap`` is y."""
-
-    def evaluate(y: Array) -> Array:
-        total = np.zeros(len(y))
-        for start, end, density in pieces:
-            first = np.maximum(start, -y)
-            length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
-            root, rise, fall, weight = _make_root_nodes(np.maximum(start + y, 0.0), length, order)
-            value = density(first + rise, (first - start) + rise, fall)
-            total += np.sum(2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
-        return total
-
-    return evaluate_in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // order)
-
-
-def _sum_power(overlap: Array, power: float, places: Array, weights: Array) -> Array:
-    """Sum of w (y + t)_+^p over the places t with weights w; ``overlap`` is y."""
-
-    def evaluate(y: Array) -> Array:
-        gap = y + places
-        root = np.sqrt(np.where(gap > 0.0, gap, np.inf if power < 0.0 else 0.0))
-        terms = _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
-        return np.asarray(np.sum(terms * weights, axis=-1))  # not @, whose rounding depends on the other rows
-
-    return evaluate_in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // places.size)
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:

@@ -128,7 +128,8 @@ class Load:
 
     def __str__(self) -> str:
         """The load in words for a message, without a unit: that of a pressure depends on the lattice."""
-        return f"{self.kind} = {brief(self.array.tolist())}"
+        # a text of more numbers would be cut: the first are enough
+        return f"{self.kind} = {brief(np.asarray(self.array[:64] if self.shape else self.array).tolist())}"
 
 
 def require_compressive(name: str, values: NDArray[np.float64]) -> None:

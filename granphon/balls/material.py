@@ -17,6 +17,8 @@ from granphon.base.validation import real_number, require
 
 #: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
+#: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x j_2'(x) = j_2(x)
+_TORSIONAL = 2.501132620409395
 
 
 def read_poisson_ratio(value: Any) -> float:
@@ -92,7 +94,36 @@ class Material:
 
     @cached_property
     def _resonance_number(self) -> float:
-        return _find_lowest_root(self.poisson_ratio)
+        """Lowest reduced frequency omega R / v_T of the free vibrations of a ball.
+
+        It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
+        where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
+        """
+        sigma = self.poisson_ratio
+        if sigma >= 0.0:
+            return _TORSIONAL
+        from scipy.optimize import brentq
+
+        ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
+        # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r = ``ratio_squared``. Multiplied out to
+        # r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as a series in y^2, whose first term is a difference that
+        # vanishes at sigma = -1, and therefore given in closed form
+        first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
+        series = [
+            (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
+            for k in range(1, 20)
+        ]
+
+        def breathing(x: float) -> float:
+            square = ratio_squared * x * x
+            return first / square + math.fsum(term * square**k for k, term in enumerate(series))
+
+        # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root is a little lower
+        uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
+        upper = min(1.1 * uniform, _TORSIONAL)  # above 1: near sigma = -1 the root is ``uniform`` to rounding
+        if breathing(0.5 * uniform) * breathing(upper) > 0.0:
+            return _TORSIONAL
+        return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))
 
     def lowest_resonance(self, diameter: float) -> float:
         """Frequency of the lowest free vibration of a ball of this material, Hz.
@@ -102,39 +133,3 @@ class Material:
         """
         radius = positive("diameter", diameter, "m") / 2.0
         return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
-
-
-#: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x j_2'(x) = j_2(x)
-_TORSIONAL = 2.501132620409395
-
-
-def _find_lowest_root(sigma: float) -> float:
-    """Lowest reduced frequency omega R / v_T of the free vibrations of a sphere of Poisson ratio ``sigma``.
-
-    It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
-    where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
-    """
-    if sigma >= 0.0:
-        return _TORSIONAL
-    from scipy.optimize import brentq
-
-    ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
-    # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r = ``ratio_squared``. Multiplied out to
-    # r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as a series in y^2, whose first term is a difference that
-    # vanishes at sigma = -1, and therefore given in closed form
-    first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
-    series = [
-        (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
-        for k in range(1, 20)
-    ]
-
-    def breathing(x: float) -> float:
-        square = ratio_squared * x * x
-        return first / square + math.fsum(term * square**k for k, term in enumerate(series))
-
-    # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root is a little lower
-    uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    upper = min(1.1 * uniform, _TORSIONAL)  # above 1: near sigma = -1 the root is ``uniform`` to rounding
-    if breathing(0.5 * uniform) * breathing(upper) > 0.0:
-        return _TORSIONAL
-    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))

@@ -111,21 +111,13 @@ class ContactLattice(LongWaves):
         structure = find_lattice(lattice)
         moving = next(iter(allowed_motions(structure.dimension).values())) if motions is None else motions
         twist, roll = not_negative("torsion", torsion), not_negative("bending", bending)
-        return cls._make_of_equal_balls(structure, eta, apart, load, twist, roll, moving)
+        return cls._make_of_equal_balls(structure, moving, (eta, apart, load, twist, roll))
 
     @classmethod
     @lru_cache(maxsize=128)
-    def _make_of_equal_balls(
-        cls,
-        structure: Lattice,
-        mindlin_ratio: float,
-        spacing: float,
-        prestress: float,
-        torsion: float,
-        bending: float,
-        motions: Motions,
-    ) -> ContactLattice:
+    def _make_of_equal_balls(cls, structure: Lattice, motions: Motions, numbers: tuple[float, ...]) -> ContactLattice:
         # cached, because velocities, moduli and validity of one state all start from it; it is never changed
+        mindlin_ratio, spacing, prestress, torsion, bending = numbers
         return cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
             mindlin_ratio, prestress=prestress, torsion=torsion, bending=bending, motions=motions,
@@ -222,28 +214,9 @@ class ContactLattice(LongWaves):
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
         try:
-            found = self._join([block.solve_with_velocities(q, along) for block in self._blocks])
+            found = [block.solve_with_velocities(q, along) for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
-        if len(self._blocks) > 1:  # modes of zero frequency in the order that they have beside the point
-            values, vectors, velocities = found
-            zeros = np.count_nonzero(values == 0.0, axis=1)
-            for at in np.flatnonzero(zeros > self.free_branches).tolist():
-                order = np.argsort(velocities[at, : zeros[at]] @ along[at], kind="stable")
-                vectors[at, :, : zeros[at]] = vectors[at][:, order]
-                velocities[at, : zeros[at]] = velocities[at, order]
-        return found
-
-    def _find_buckling(self, q: Array) -> InstabilityError:
-        """Return the error that names the wave vector, among ``q``, of the lowest squared frequency, which is negative."""
-        squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
-        place = int(np.argmin(squared[:, 0]))
-        where = f"a squared frequency at {self.name_place(q[place])} is negative, {squared[place, 0]:.3g} k/M"
-        motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[:, self.motions.translating]
-        return self.explain_buckling(where, motion.T)
-
-    def _join(self, found: list[tuple[Array, NDArray[Any], Array]]) -> tuple[Array, NDArray[Any], Array]:
-        """Return the frequencies, eigenvectors and velocities of all blocks as those of the lattice, ascending."""
         if len(found) == 1:
             return found[0]
         values, velocities = (np.concatenate([one[i] for one in found], axis=1) for i in (0, 2))
@@ -252,7 +225,22 @@ class ContactLattice(LongWaves):
         for block, (_, own, _) in zip(self._blocks, found, strict=True):
             vectors[:, block.columns, first : first + block.size] = own
             first += block.size
-        return _sort_branches(values, vectors, velocities)
+        values, vectors, velocities = _sort_branches(values, vectors, velocities)
+        # modes of zero frequency in the order that they have beside the point
+        zeros = np.count_nonzero(values == 0.0, axis=1)
+        for at in np.flatnonzero(zeros > self.free_branches).tolist():
+            order = np.argsort(velocities[at, : zeros[at]] @ along[at], kind="stable")
+            vectors[at, :, : zeros[at]] = vectors[at][:, order]
+            velocities[at, : zeros[at]] = velocities[at, order]
+        return values, vectors, velocities
+
+    def _find_buckling(self, q: Array) -> InstabilityError:
+        """Return the error that names the wave vector, among ``q``, of the lowest squared frequency, which is negative."""
+        squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
+        place = int(np.argmin(squared[:, 0]))
+        where = f"a squared frequency at {self.name_place(q[place])} is negative, {squared[place, 0]:.3g} k/M"
+        motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[:, self.motions.translating]
+        return self.explain_buckling(where, motion.T)
 
     def _split(self, count: int) -> list[slice]:
         """Return slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array)."""
@@ -267,6 +255,8 @@ class ContactLattice(LongWaves):
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
         effects = [waves.find_effects() for waves in kinds]
         joined = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
+        motions, p = self.motions, self.periods
+        weights = self._frame * np.sqrt(self.masses / self.masses.sum())[:, None]
         found = []
         for columns in find_blocks(joined):
             own = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
@@ -277,40 +267,29 @@ class ContactLattice(LongWaves):
                 signs = np.broadcast_to(self._push_signs, own[1].shape)[own[1]]
                 found.append(Block(columns, waves[0], waves[1], signs[:, None]))
                 continue
-            bent, tilt = self._find_tilt(columns, waves[0].odd.dtype)
-            block = Block(columns, waves[0], bent=bent, tilt=tilt)
+            # displacements across the periods, and what goes with each as the balls tilt with it: a displacement u of the
+            # centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of the layer, by the
+            # distance z along u, by -i q z
+            bent = [
+                one for one in np.flatnonzero(columns < len(motions.translations)) if motions.translations[columns[one]] >= p
+            ]
+            tilt = np.zeros((len(bent), len(columns), p), complex)
+            for number, place in enumerate(bent):
+                axis = motions.translations[columns[place]]
+                off = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
+                off = off - self.masses @ off / self.masses.sum()
+                for along in range(p):
+                    turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
+                    moved = np.zeros((self.n_balls, motions.count), complex)
+                    moved[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+                    if along in motions.translations:
+                        moved[:, motions.translations.index(along)] = -1.0j * off
+                    tilt[number, :, along] = (weights.T @ moved).ravel()[columns]
+            gradients = tilt.real.copy() if np.issubdtype(waves[0].odd.dtype, np.floating) else tilt
+            used = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
+            block = Block(columns, waves[0], bent=tuple(int(bent[one]) for one in used), tilt=gradients[used])
             found.append((block if block.keeps_digits else Block(columns, waves[0])).still())
         return found
-
-    def _find_tilt(self, columns: NDArray[np.intp], dtype: Any) -> tuple[tuple[int, ...], NDArray[Any]]:
-        """Return the displacements across the periods in a block, and what goes with each as the balls tilt with it.
-
-        A displacement u of the centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of
-        the layer, by the distance z along u, by -i q z.
-        """
-        motions, p = self.motions, self.periods
-        bent = [
-            one for one in np.flatnonzero(columns < len(motions.translations)) if motions.translations[columns[one]] >= p
-        ]
-        if not bent:
-            return (), np.zeros((0, len(columns), p))
-        found = np.zeros((len(bent), len(columns), p), complex)
-        weights = self._frame * np.sqrt(self.masses / self.masses.sum())[:, None]
-        for number, place in enumerate(bent):
-            axis = motions.translations[columns[place]]
-            off = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
-            off = off - self.masses @ off / self.masses.sum()
-            for along in range(p):
-                turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
-                moved = np.zeros((self.n_balls, motions.count), complex)
-                moved[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
-                if along in motions.translations:
-                    moved[:, motions.translations.index(along)] = -1.0j * off
-                found[number, :, along] = (weights.T @ moved).ravel()[columns]
-        if np.issubdtype(dtype, np.floating):
-            found = found.real.copy()
-        used = np.flatnonzero(np.any(found != 0.0, axis=(1, 2)))
-        return tuple(int(bent[one]) for one in used), found[used]
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:

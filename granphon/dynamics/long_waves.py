@@ -337,32 +337,15 @@ class LongWaves(Compatibility):
         :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
         """
         self.require_rigid()
-        if prestress is None and not self.is_prestressed:
-            return self._own_tensor
-        h = self._strain_stiffness(prestress)
-        each, push = self._find_load(prestress)
-        stress = -each * push[3] / self.measure
-        one = np.eye(self.periods)
-        c = (
-            h
-            - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
-            + 0.5
-            * (
-                np.einsum("...ik,jl->...ijkl", stress, one)
-                + np.einsum("...il,jk->...ijkl", stress, one)
-                + np.einsum("...jk,il->...ijkl", stress, one)
-            )
-            - np.einsum("...ij,kl->...ijkl", stress, one)
-        )
-        return self._to_voigt(c)
+        plain = prestress is None and not self.is_prestressed
+        return self._own_tensor if plain else self._find_elasticity(prestress)
 
     @cached_property
     def _own_tensor(self) -> Array:
         """:meth:`elastic_tensor` without prestress, which every load of every state asks for; read-only."""
-        return read_only(self._to_voigt(self._strain_stiffness()))
+        return read_only(self._find_elasticity(None))
 
-    def _strain_stiffness(self, prestress: ArrayLike | None = None) -> Array:
-        """Return :meth:`gradient_stiffness` (..., p, p, p, p) of displacements along the periods, over the measure."""
+    def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
         p, axes = self.periods, self.motions.translations
         if not set(range(p)) <= set(axes):
             raise InputError(
@@ -371,10 +354,14 @@ class LongWaves(Compatibility):
                 )
             )
         own = [axes.index(axis) for axis in range(p)]
-        return np.asarray(self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure)
-
-    def _to_voigt(self, c: Array) -> Array:
-        """Return elastic constants c_ijkl (..., p, p, p, p), made symmetric, in Voigt order."""
+        c = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
+        if prestress is not None or self.is_prestressed:
+            each, push = self._find_load(prestress)
+            stress, one = -each * push[3] / self.measure, np.eye(p)
+            half = [np.einsum(f"...{way}->...ijkl", stress, one) for way in ("ik,jl", "il,jk", "jk,il")]
+            c = c + 0.5 * sum(half) - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
+            c = c - np.einsum("...ij,kl->...ijkl", stress, one)
+        # c_ijkl, made symmetric, in Voigt order
         c = 0.5 * (c + c.swapaxes(-4, -3))
         c = 0.5 * (c + c.swapaxes(-2, -1))
         i, j = np.transpose(_VOIGT[self.periods])

@@ -72,7 +72,10 @@ def plot_bands(
     for s, x in enumerate(bands.distances):
         widths = _choose_widths(values[s], _COINCIDENT * values.max())
         for b in range(bands.n_branches):
-            pieces = list(_cut_line(x, values[s, :, b]))
+            points = np.stack([x, values[s, :, b]], axis=1)
+            middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
+            ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
+            pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
             shades: dict[str, Any] = {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
             ax.add_collection(lines, autolim=False)
@@ -96,13 +99,6 @@ def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
     """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
-
-
-def _cut_line(x: Array, y: Array) -> Array:
-    """Cut the line through p points half way between them, (p, 3, 2); the middle vertex of each piece is its point."""
-    points = np.stack([x, y], axis=1)
-    middle = 0.5 * (points[:-1] + points[1:])
-    return np.stack([np.vstack([points[:1], middle]), points, np.vstack([middle, points[-1:]])], axis=1)
 
 
 def _choose_widths(values: Array, tolerance: float) -> Array:
@@ -176,7 +172,9 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
         ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
     along, across = ("y", "x") if horizontal else ("x", "y")
     name, gap = print_hertz(unit), "\n" if horizontal else " "
-    top, peak = _find_top(dos.total) * unit.hertz, float(dos.total.max()) * unit.hertz
+    # less than the highest peak is drawn where flat branches tower above the rest
+    peak, most = float(dos.total.max()) * unit.hertz, float(np.quantile(dos.total, 0.98)) * unit.hertz
+    top = 2.0 * most if 0.0 < most < peak / _TOWERING else peak
     beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
     numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
     labels = f"Frequency ({name})" if numbered else "", f"DOS per ball{gap}(1/{name}){beyond}"
@@ -186,12 +184,6 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
     axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
     axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
     return ax
-
-
-def _find_top(density: Array) -> float:
-    """Return the greatest density to draw: that of the highest peak, or less where flat branches tower above the rest."""
-    peak, most = float(density.max()), float(np.quantile(density, 0.98))
-    return 2.0 * most if 0.0 < most < peak / _TOWERING else peak
 
 
 def bands_figure(

@@ -24,16 +24,16 @@ from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.figures.curves import (
     MOST_LOOKS,
+    POINTS,
     Curve,
     describe_lines,
     draw_curve,
     find_load,
     label_axes,
-    make_handle,
     make_looks,
     make_outside,
     make_serving,
-)  # fmt: skip
+)
 from granphon.figures.runs import Run, choose_axes, read_points, require_one_axis
 from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
 from granphon.figures.words import find_differing, join_facts, write_value
@@ -191,7 +191,12 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         alike = [n for n in alike if curve.x.size == 1 and n in single]
         if alike:
             other = models[alike[0]]
-            models[alike[0]] = replace(other.merge(curve), run=f"{other.run}, {curve.run}")
+            parts: dict[str, Any] = {
+                name: np.concatenate([getattr(other, name), getattr(curve, name)])
+                for name in ("x", "y", "error", "valid", "simulated")
+            }
+            names, served = f"{other.run}, {curve.run}", other.served + curve.served
+            models[alike[0]] = replace(other, run=names, served=served, **parts).sorted()
         else:
             single |= {len(models)} if curve.x.size == 1 else set()
             models.append(curve)
@@ -207,7 +212,9 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        groups.setdefault(heading, []).append(make_handle(curve, look, label))
+        line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
+        shown = {"marker": look.marker} | POINTS if curve.as_points and not curve.served else line
+        groups.setdefault(heading, []).append(Line2D([], [], color=look.colour, label=label, **shown))
     handles = groups.pop("")
     headed = [one for text, group in groups.items() for one in (Line2D([], [], linestyle="none", label=text), *group)]
     for n, curve in enumerate(points):

@@ -107,13 +107,6 @@ class Curve:
         """Whether no line is drawn: all values are simulated or measured, or there is only one."""
         return bool(np.all(self.simulated)) or self.x.size == 1
 
-    def merge(self, other: Curve) -> Curve:
-        """Return the points of this curve and of another as one."""
-        parts: dict[str, Any] = {
-            n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in ("x", "y", "error", "valid", "simulated")
-        }
-        return replace(self, **parts, served=self.served + other.served).sorted()
-
 
 def make_looks(count: int) -> list[Look]:
     """Return looks of ``count`` curves: colours first, then dashes and marks; lines grow thinner, so that all are seen.
@@ -180,14 +173,6 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
         values = np.concatenate([getattr(curve, which) for curve in curves])
         scale_axis(ax, which, values)
         name_axis(ax, which, values, axis_label(name, ""), unit)
-
-
-def make_handle(curve: Curve, look: Look, label: str) -> Line2D:
-    """Return the entry of a curve in a legend."""
-    if curve.as_points and not curve.served:
-        return Line2D([], [], color=look.colour, marker=look.marker, label=label, **POINTS)
-    dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
-    return Line2D([], [], color=look.colour, linewidth=min(look.width, 1.6), label=label, **dashes)
 
 
 def make_outside(points: bool) -> Line2D:

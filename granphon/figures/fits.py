@@ -31,7 +31,11 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     Where each pulse has a frequency of its own, the fit is drawn at the data only, and the ideal lattice is left out.
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
-    style: dict[str, Any] = {"color": VERMILION, "label": _describe(fit), "gid": "fit", "zorder": 1.5}
+    structure = fit.packing.structure
+    # in short lines, so that the legend has room below the curve
+    label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], _LETTERS)
+    label += f":\nW = {write_width(fit)}" if "width" in fit.parameters else ""
+    style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
     if np.ndim(fit.waves.frequency):
         ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
     else:
@@ -57,13 +61,6 @@ def write_width(fit: WidthFit) -> str:
         return f"{fit.width / size:.5g} {unit}"
     digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)
     return f"{fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
-
-
-def _describe(fit: WidthFit) -> str:
-    structure = fit.packing.structure
-    # in short lines, so that the legend has room below the curve
-    medium = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], _LETTERS)
-    return f"{medium}:\nW = {write_width(fit)}" if "width" in fit.parameters else medium
 
 
 def fit_figure(fit: WidthFit) -> Figure:

@@ -38,7 +38,13 @@ def describe_fonts() -> list[tuple[str, str]]:
     fine = [name for name, fault in drawn.items() if not fault]
     rows += [("letters drawn", ", ".join(fine))] * bool(fine)
     rows += [(name, f"not drawn: {fault}") for name, fault in drawn.items() if fault]
-    rows.append(("config folder", _describe_folder(Path(matplotlib.get_configdir()))))
+    folder = Path(matplotlib.get_configdir())
+    try:  # without the name of a user
+        where = f"~/{folder.relative_to(Path.home()).as_posix()}"
+    except (ValueError, RuntimeError):
+        named = "MPLCONFIGDIR" in os.environ
+        where = "the folder that MPLCONFIGDIR names" if named else "a folder outside the home folder"
+    rows.append(("config folder", f"{where}, {'writable' if os.access(folder, os.W_OK) else 'not writable'}"))
     return rows
 
 
@@ -53,14 +59,3 @@ def _draw(text: str) -> str:
         except Exception as error:  # whatever the settings of matplotlib lead to is what we are to tell
             return shorten_error(error)
     return ""
-
-
-def _describe_folder(folder: Path) -> str:
-    """Text of the folder of matplotlib's settings, without the name of a user."""
-    state = "writable" if os.access(folder, os.W_OK) else "not writable"
-    try:
-        where = f"~/{folder.relative_to(Path.home()).as_posix()}"
-    except (ValueError, RuntimeError):
-        named = "MPLCONFIGDIR" in os.environ
-        where = "the folder that MPLCONFIGDIR names" if named else "a folder outside the home folder"
-    return f"{where}, {state}"

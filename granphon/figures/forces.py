@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 from granphon.figures.scales import FORCES
@@ -88,7 +87,11 @@ def plot_forces(
     """
     if show not in (*_SHOWS, "auto"):
         raise InputError(message(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto"))
-    layer = _find_layer(sample)
+    given: Any = sample
+    if not isinstance(given, ContactNetwork | Sample):
+        mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
+        raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
+    layer = _Network.of(sample) if isinstance(sample, ContactNetwork) else _Layer.of(sample)
     if show == "auto":
         small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
         show = "window" if window is not None else "all" if small else "density"
@@ -99,7 +102,16 @@ def plot_forces(
             figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
             return plot_forces(sample, figure.subplots(), show=show, window=window)
     figure = ax.get_figure()
-    drawn = _draw_density(layer, ax) if show == "density" else _draw_chains(layer, ax, edges)
+    drawn: LineCollection | QuadMesh
+    if show == "density":
+        # a contact counts half at each of its balls, so that none is lost at an edge of a periodic array
+        grid, (x, y) = layer.make_grid(), layer.places.T
+        total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (layer.sums, layer.counts))
+        with np.errstate(invalid="ignore"):  # nan where no ball is
+            density = total / count
+        drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
+    else:
+        drawn = _draw_chains(layer, ax, edges)
     left, bottom, right, top = edges
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", title=layer.title)
     for axis in (ax.xaxis, ax.yaxis):
@@ -109,7 +121,10 @@ def plot_forces(
         ax.set_yticks([0.0])
     if drawn.get_array() is not None:
         bar = figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02)
-        layer.name_forces(bar.ax, f",\nmeans over {layer.write_square()}" if show == "density" else "")
+        size, name = layer.length_unit
+        sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in layer.make_grid()})
+        square = f"{' x '.join(sides * (3 - len(sides)))} {name}"
+        layer.name_forces(bar.ax, f",\nmeans over {square}" if show == "density" else "")
     return ax
 
 
@@ -120,16 +135,6 @@ def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequ
     """
     figure: Any = plot_forces(network, show=show, window=window).get_figure()
     return figure  # type: ignore[no-any-return]
-
-
-def _find_layer(sample: Any) -> _Layer | _Network:
-    """Return what is drawn of a sample or a network."""
-    if isinstance(sample, ContactNetwork):
-        return _Network.of(sample)
-    if isinstance(sample, Sample):
-        return _Layer.of(sample)
-    mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
-    raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
 
 
 def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> tuple[float, ...]:
@@ -147,14 +152,19 @@ def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> t
 def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these edges, the left, lower, right and upper one, and their balls if there are few."""
     figure: Any = ax.get_figure()
-    left, bottom, right, top = edges
-    segments, forces = layer.make_lines(edges)
-    sites, widths, colours = layer.make_balls(edges)
+    lines, forces = layer.lines
+    low, high = np.array(edges[:2]), np.array(edges[2:])
+    near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
+    order = np.argsort(forces[near], kind="stable")  # the strong on top
+    segments, forces = lines[near][order], forces[near][order]
+    reach = layer.radii[:, None]
+    inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
+    sites, widths, colours = layer.places[inside], 2.0 * layer.radii[inside], layer.colours[inside].tolist()
     if not sites.size or not forces.size:
         mend = f"Give edges inside the array, in {layer.unit}"
         raise InputError(message("no ball of the array is in the window", mend=mend))
     # printed size of a diameter, in points, estimated because the layout is not known yet
-    size = np.array([right - left, top - bottom]) / layer.diameter
+    size = (high - low) / layer.diameter
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
     if len(sites) <= _MOST_OUTLINED:
         style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
@@ -170,12 +180,6 @@ def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -
         chains.set(color=_IDLE)
     ax.add_collection(chains, autolim=False)
     return chains
-
-
-def _draw_density(layer: _Layer | _Network, ax: Axes) -> QuadMesh:
-    """Draw the mean force of the contacts in each square of a coarse grid."""
-    across, along, density = layer.make_density()
-    return ax.pcolormesh(across, along, density.T, cmap=FORCES, gid="density", rasterized=True)
 
 
 @dataclass(frozen=True)
@@ -202,7 +206,7 @@ class _Map:
     title: str
     unit: ClassVar[str]
 
-    @cached_property
+    @property
     def lines(self) -> tuple[Array, Array]:
         """The lines (m, 2, 2) of the contacts, and their forces (m,)."""
         raise NotImplementedError
@@ -212,20 +216,6 @@ class _Map:
         """Lengths of the sides, (2,)."""
         return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
 
-    def make_balls(self, edges: tuple[float, ...]) -> tuple[Array, Array, Any]:
-        """Return the balls (n, 2) between the edges, their diameters (n,), and their colours."""
-        reach = self.radii[:, None]
-        inside = np.all((self.places + reach > edges[:2]) & (self.places - reach < edges[2:]), axis=1)
-        return self.places[inside], 2.0 * self.radii[inside], self.colours[inside].tolist()
-
-    def make_lines(self, edges: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return lines (m, 2, 2) and forces (m,), ascending, of contacts near the ``edges``."""
-        low, high = np.array(edges[:2]) - self.diameter, np.array(edges[2:]) + self.diameter
-        lines, forces = self.lines
-        near = np.all((lines > low) & (lines < high), axis=(1, 2))
-        order = np.argsort(forces[near], kind="stable")
-        return lines[near][order], forces[near][order]
-
     def make_grid(self) -> list[Array]:
         """Return the edges (m + 1,) and (n + 1,) of the squares over which forces are averaged."""
         side = max(_LEAST_SQUARE * self.diameter, float(np.max(self.size)) / _MOST_SQUARES)
@@ -233,20 +223,17 @@ class _Map:
         counts = np.maximum(1, np.round(self.size / side)).astype(int)
         return [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
 
-    def make_density(self) -> tuple[Array, Array, Array]:
-        """Return the edges of the squares of :meth:`make_grid`, and the mean force (m, n) in each; nan where no ball is.
+    @property
+    def length_unit(self) -> tuple[float, str]:
+        """The unit in which lengths are written, in that of the data, and its name."""
+        return 1.0, "$d$"
 
-        A contact counts half at each of its balls, so that none is lost at an edge of a periodic array.
-        """
-        grid, (x, y) = self.make_grid(), self.places.T
-        total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (self.sums, self.counts))
-        with np.errstate(invalid="ignore"):
-            return grid[0], grid[1], total / count
+    def find_widths(self, forces: Array) -> Array:
+        """Return the widths of lines (n,), in those of the mean force."""
+        return forces
 
-    def write_sides(self, unit: float) -> str:
-        """Return the sides of the squares of the coarse grid, in a unit of length."""
-        sides = sorted({f"{float(edges[1] - edges[0]) / unit:.2g}" for edges in self.make_grid()})
-        return " x ".join(sides * (3 - len(sides)))
+    def draw_rest(self, ax: Axes) -> None:
+        """Draw what there is besides balls and contacts."""
 
 
 @dataclass(frozen=True)
@@ -306,7 +293,7 @@ class _Layer(_Map):
             height, _write_title(sample), p < 3, sites, ends, shifts, table.normal[inside] @ plane, forces,
         )  # fmt: skip
 
-    @cached_property
+    @property
     def lines(self) -> tuple[Array, Array]:
         """The lines of the contacts that carry load: one across an edge of the array has two, one at each of its balls."""
         lines, values = list[Array](), list[Array]()
@@ -327,17 +314,6 @@ class _Layer(_Map):
     def name_forces(self, ax: Axes, more: str) -> None:
         """Label the scale of the forces."""
         ax.set_xlabel(f"Contact force over its mean{more}")
-
-    def write_square(self) -> str:
-        """Return the size of the squares of the coarse grid in words."""
-        return f"{self.write_sides(1.0)} $d$"
-
-    def find_widths(self, forces: Array) -> Array:
-        """Return the widths of lines (n,), in those of the mean force."""
-        return forces
-
-    def draw_rest(self, ax: Axes) -> None:
-        """Draw nothing else."""
 
 
 @dataclass(frozen=True)
@@ -368,7 +344,7 @@ class _Network(_Map):
             1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)), title, network,
         )  # fmt: skip
 
-    @cached_property
+    @property
     def lines(self) -> tuple[Array, Array]:
         """The lines of all contacts: one across the edge of a period, or with a flat wall, ends where its balls touch."""
         network, places = self.network, self.network.positions
@@ -392,10 +368,10 @@ class _Network(_Map):
         """Label the scale of the forces with their unit."""
         _name_unit(ax.xaxis, "Contact force", ax.get_xlim()[1], "N", more)
 
-    def write_square(self) -> str:
-        """Return the size of the squares of the coarse grid in words."""
-        size, name = readable_unit(float(np.max(self.size)), "m")
-        return f"{self.write_sides(size)} {name}"
+    @property
+    def length_unit(self) -> tuple[float, str]:
+        """The multiple of a metre that suits the array."""
+        return readable_unit(float(np.max(self.size)), "m")
 
     def find_widths(self, forces: Array) -> Array:
         """Return the widths of lines (n,), in those of the mean force; that of the thinnest is a fifth of it."""

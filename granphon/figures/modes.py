@@ -25,9 +25,8 @@ from granphon.base.arguments import positive, real_array, whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.spheres import draw_moved_spheres, draw_spheres
 from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
-from granphon.figures.views import View
+from granphon.figures.views import Painter, View
 
 if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
@@ -40,6 +39,14 @@ _LARGEST = 0.4
 _MARK = np.pi / 2.0
 #: edge of the cube in space whose balls are drawn, in diameters
 _CUBE = 2.4
+#: colours of balls, of the lines that join balls in contact, and of marks on balls
+_BALL, _CONTACT, _RING = "0.93", "0.62", "0.3"
+#: part of white in the colours of what is farthest from the viewer
+_FADE = 0.55
+#: width of the shaft of an arrow, in diameters
+_SHAFT = 0.055
+#: spins and displacements below this part of a diameter are not drawn
+_LEAST = 0.01
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ def plot_mode(
         _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
     else:
         radii = positive("size", size) * motion.radii
-        draw_spheres(ax, view or motion.view, motion.places, radii, motion.pairs, shift, turn, motion.gyration)
+        _draw_spheres(ax, view or motion.view, motion, radii, shift, turn)
     ax.set_title(motion.title)
     return ax
 
@@ -147,7 +154,7 @@ def animate_mode(
             if motion.planar:
                 _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
             else:
-                draw_moved_spheres(ax, seen, motion.places, part * motion.radii, motion.pairs, shift, turn)
+                _draw_spheres(ax, seen, motion, part * motion.radii, shift, turn, moved=True)
                 # all pictures have the same limits
                 places = seen.project(motion.places)
                 room = _LARGEST + part * motion.radii.max() + 0.05
@@ -225,12 +232,34 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with their displacements (m, 2) and angles (m,)."""
+    """Draw discs with their displacements (m, 2) and angles (m,).
+
+    For each ball that turns: the sector from the upright to its mark, its arc with an arrowhead, and the marked diameter.
+    """
     centres, radii = motion.places[:, :2], motion.radii
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
     ax.add_collection(PatchCollection(balls, facecolor="0.94", edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls"))
     if motion.rotate:
-        _draw_spins(ax, centres, radii, angles)
+
+        def at(distance: Array, angle: Array) -> Array:
+            arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            return np.asarray(centres[:, None] + arms)
+
+        colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
+        rim, end = 0.72 * radii, _MARK + angles[:, None]
+        marks = at(radii, end + np.array([0.0, np.pi]))
+        arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
+        # a head as long as the arc allows, pointing along it
+        head = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
+        back = at(rim, end - head[:, None])
+        wing = 0.5 * (arcs[:, -1:] - back) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+        heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
+        sectors = np.concatenate([centres[:, None], arcs], axis=1)
+        ax.add_collection(PolyCollection(list(sectors), facecolors=colours, alpha=0.25, linewidths=0.0, zorder=1.5))
+        ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
+        ax.add_collection(LineCollection(list(arcs), colors=colours, linewidths=1.0, gid="spins"))
+        ax.add_collection(PolyCollection(list(heads), facecolors=colours, linewidths=0.0, zorder=2.1))
+
     ax.quiver(
         *centres.T, *shift.T, angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
         headlength=4.0, headaxislength=3.6, minlength=0.0, minshaft=1.5, color="black", zorder=3.0, gid="displacements",
@@ -239,30 +268,62 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     hide_axes(ax, low - 0.1, high + 0.1)
 
 
+def _draw_spheres(
+    ax: Axes, view: View, motion: _Motion, radii: Array, shift: Array, turn: Array, moved: bool = False
+) -> None:
+    """Draw balls of ``radii`` (n,) as spheres with arrows, or where they have ``moved``, with three great circles on each.
+
+    An arrow starts at the surface of its ball, so that its length is all seen: black for the displacement, ``shift`` (n, 3),
+    vermilion for the rotation, ``turn`` (n, 3), which is about its arrow. The arc with a head shows the angle through which
+    the surface has turned, on the side of the viewer; looking along the arrow, the ball turns clockwise.
+    """
+    painter, centres = Painter(view), motion.places + shift if moved else motion.places
+    for i, j in motion.pairs:  # a line for each contact, from surface to surface
+        way = centres[j] - centres[i]
+        way = way / np.linalg.norm(way)
+        painter.add_line(np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), _CONTACT, 1.0)
+    turned: list[Any] = [()] * len(centres)
+    if moved:
+        # imported here, as only a ball that turns needs it
+        from scipy.spatial.transform import Rotation
+
+        angle = np.linspace(0.0, 2.0 * np.pi, 49)
+        ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+        rings = np.stack([np.roll(ring, axis, axis=1) for axis in range(3)])
+        turned = [rings @ matrix.T for matrix in Rotation.from_rotvec(turn).as_matrix()]
+    for centre, radius, u, phi, scale, circles in zip(centres, radii, shift, turn, motion.gyration, turned, strict=True):
+        painter.add_sphere(centre, radius, _BALL)
+        for circle in circles:
+            seen = np.flatnonzero(view.nearness(circle) >= 0.0)
+            for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
+                if len(part) > 1:
+                    nearness = float(view.nearness(centre))
+                    painter.add_line(centre + radius * circle[part], _RING, 0.5, nearness=nearness)
+        for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
+            length = float(np.linalg.norm(arrow))
+            if length > _LEAST:
+                painter.add_arrow(centre + radius / length * arrow, arrow, colour, _SHAFT)
+        if not moved and scale * np.linalg.norm(phi) > _LEAST:
+            # the arc through which a point of the surface, on the side of the viewer, is turned, with a head
+            toward, reach, rim = view.axes[2], float(np.linalg.norm(phi)), 1.03 * radius
+            axis = phi / reach
+            front = toward - (toward @ axis) * axis
+            if np.linalg.norm(front) < 1e-3:  # it turns about the line of sight
+                front = view.axes[1] - (view.axes[1] @ axis) * axis
+            front = front / np.linalg.norm(front)
+            side = np.cross(axis, front)
+            angles = reach * np.linspace(-0.5, 0.5, 25)
+            arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
+            near, end, head = float(view.nearness(centre)) + 1e-3 * rim, angles[-1], 0.5 * rim
+            painter.add_line(arc, VERMILION, 1.1, nearness=near)
+            tangent = -np.sin(end) * front + np.cos(end) * side
+            painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)
+    painter.draw(ax, "spheres", fade=_FADE)
+    low, high = painter.extent
+    hide_axes(ax, low - 0.05, high + 0.05)
+
+
 def _find_amplitude(motion: NDArray[Any]) -> float:
     """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half axis."""
     longest = np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1))))
     return float(longest.max())
-
-
-def _draw_spins(ax: Axes, centres: Array, radius: Array, angles: Array) -> None:
-    """Draw for each ball the sector from the upright to its mark, its arc with an arrowhead, and the marked diameter."""
-
-    def at(distance: Array, angle: Array) -> Array:
-        arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return np.asarray(centres[:, None] + arms)
-
-    colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
-    rim, end = 0.72 * radius, _MARK + angles[:, None]
-    marks = at(radius, end + np.array([0.0, np.pi]))
-    arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
-    # a head as long as the arc allows, pointing along it
-    head = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
-    back = at(rim, end - head[:, None])
-    wing = 0.5 * (arcs[:, -1:] - back) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-    heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
-    sectors = np.concatenate([centres[:, None], arcs], axis=1)
-    ax.add_collection(PolyCollection(list(sectors), facecolors=colours, alpha=0.25, linewidths=0.0, zorder=1.5))
-    ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
-    ax.add_collection(LineCollection(list(arcs), colors=colours, linewidths=1.0, gid="spins"))
-    ax.add_collection(PolyCollection(list(heads), facecolors=colours, linewidths=0.0, zorder=2.1))

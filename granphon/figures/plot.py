@@ -56,7 +56,14 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     # a data set is a mapping too, of variables
     several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
     if several or axes is not None:
-        return _plot_several(result if several else [result], axes, options)
+        from granphon.figures.comparison import comparison_figure, plot_together
+
+        results = result if several else [result]
+        _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
+        if axes is None:
+            return _show(comparison_figure(results, **options))
+        figure: Any = plot_together(results, axes, **options).get_figure()
+        return figure  # type: ignore[no-any-return]
     known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
     given = {} if known is None else {known[2]: result}
     if (dataset := find_dataset(result)) is not None:  # of the result of a scene the spectra come first
@@ -77,18 +84,6 @@ def _show(figure: Figure) -> Figure:
 
     figure.__class__ = Picture
     return figure
-
-
-def _plot_several(results: Any, axes: Axes | None, options: dict[str, Any]) -> Figure:
-    """Draw results on one Axes: of a new figure, or that given."""
-    from granphon.figures.comparison import comparison_figure, plot_together
-
-    _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
-    if axes is None:
-        return _show(comparison_figure(results, **options))
-    plot_together(results, axes, **options)
-    figure: Any = axes.get_figure()
-    return figure  # type: ignore[no-any-return]
 
 
 def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:

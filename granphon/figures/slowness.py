@@ -94,7 +94,15 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
     periods = state.packing.structure.periods
     if periods == 2 and plane is not None:
         raise InputError(message("the lattice is a plane", "It has no other cut", "Leave plane out"))
-    span = _span(_CUTS[0] if plane is None else plane)
+    try:
+        first, second = (one_direction(way, 3) for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        what = "plane is not two directions in space"
+        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
+    second = second - (first @ second) * first
+    if np.linalg.norm(second) < 1e-9:
+        raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
+    span = np.array([first, second / np.linalg.norm(second)])
     # between the directions of high symmetry, in which the polarisations of transverse waves are any
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -106,11 +114,8 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
         points = slowness[:, b, None] * circle
         dashed = across[:, b].mean() > _ACROSS
         pieces = np.stack([points[:-1], points[1:]], axis=1)
-        shades: dict[str, Any] = {
-            "array": 0.5 * (along[1:, b] + along[:-1, b]),
-            "cmap": POLARISATION,
-            "norm": Normalize(0, 1),
-        }
+        shades: dict[str, Any] = {"cmap": POLARISATION, "norm": Normalize(0, 1)}
+        shades["array"] = 0.5 * (along[1:, b] + along[:-1, b])
         if dashed:
             # five degrees drawn, five left out
             drawn = np.arange(len(pieces)) % 10 < 5
@@ -131,19 +136,6 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
     if colorbar:
         add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
     return ax
-
-
-def _span(plane: ArrayLike) -> Array:
-    """Return two perpendicular unit vectors (2, 3) that span ``plane``."""
-    try:
-        first, second = (one_direction(way, 3) for way in np.asarray(plane, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        what = "plane is not two directions in space"
-        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
-    second = second - (first @ second) * first
-    if np.linalg.norm(second) < 1e-9:
-        raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
-    return np.array([first, second / np.linalg.norm(second)])
 
 
 def _name_direction(way: Array) -> str:
@@ -202,7 +194,12 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
         colours[:, :3] *= bright[:, None]
         painter.add_mesh(faces[shown], colours[shown])
         if wave:
-            for rim in _list_rims(points, ways, facing):
+            # the edges of the octant that is taken out
+            half = quarter = _SURFACE // 2  # the mesh has twice as many meridians as half a turn
+            start = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[facing[0], facing[1]] * quarter
+            upright = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
+            sides = (points[upright, start], points[upright, start + quarter])
+            for rim in (*sides, points[half, start : start + quarter + 1]):
                 painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)
     longest = float(slowness.max())
     for axis, name in enumerate("xyz"):
@@ -224,15 +221,6 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
     if colorbar:
         add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
     return ax
-
-
-def _list_rims(points: Array, ways: Array, facing: Array) -> list[Array]:
-    """Return the edges of the octant that ``facing`` points to, on the surface ``points`` (n_polar, n_azimuth, 3)."""
-    half, quarter = (len(points) - 1) // 2, (points.shape[1] - 1) // 4
-    polar = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
-    at = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[float(facing[0]), float(facing[1])]
-    start, stop = at * quarter, (at + 1) * quarter
-    return [points[polar, start], points[polar, stop], points[half, start : stop + 1]]
 
 
 def slowness_figure(state: ContactState, *, title: str | None = None) -> Figure:

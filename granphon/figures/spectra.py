@@ -25,7 +25,7 @@ from granphon.figures.style import (
     STYLE,
     VERMILION,
     print_hertz,
-)
+)  # fmt: skip
 from granphon.figures.zones import name_corners
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra

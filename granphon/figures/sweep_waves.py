@@ -65,22 +65,17 @@ def _require(dataset: Dataset, name: str, what: str) -> None:
         raise InputError(message(f"the sweep has no {what} of arrays", mend="Draw another figure"))
 
 
-def _find_unit(dataset: Dataset, name: str) -> HertzPrefix:
-    return HertzPrefix.for_top(float(np.nanmax(dataset[name].values)))
-
-
 def plot_sweep_dos(dataset: Dataset, ax: Axes) -> Axes:
     """Draw the densities of states of the arrays of a sweep, with their standard errors as bands, a colour for each state.
 
     Raises :class:`~granphon.base.errors.InputError` if the sweep has none.
     """
     _require(dataset, "dos_total", "densities of states")
-    names = ("frequency", "total", "error")
-    states = [
-        (colour, words, [_take(dataset, f"dos_{name}", at) for name in names])
+    curves = [
+        (colour, words, *(_take(dataset, f"dos_{name}", at) for name in ("frequency", "total", "error")))
         for colour, words, at in _choose_states(dataset)[0]
     ]
-    draw_densities(ax, [(colour, words, *values) for colour, words, values in states])
+    draw_densities(ax, curves)
     return ax
 
 
@@ -92,7 +87,7 @@ def plot_sweep_dispersion(dataset: Dataset, ax: Axes, polarisation: int = 0) -> 
     has no spectra.
     """
     _require(dataset, "line_frequency", "spectra")
-    unit = _find_unit(dataset, "line_frequency")
+    unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     corners = np.zeros(0)
     for colour, _, place in _choose_states(dataset)[0]:
         ends, along = _take(dataset, "path_corners", place), _take(dataset, "path_distance", place)
@@ -117,7 +112,7 @@ def plot_sweep_attenuation(dataset: Dataset, ax: Axes, polarisation: int = 0) ->
     :func:`plot_sweep_dispersion`.
     """
     _require(dataset, "line_frequency", "spectra")
-    unit, shown = _find_unit(dataset, "line_frequency"), [np.ones(1)]
+    unit, shown = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values))), [np.ones(1)]
     for colour, _, place in _choose_states(dataset)[0]:
         names = ["line_frequency", "attenuation", "line_resolved"] + ["attenuation_error"] * ("attenuation_error" in dataset)
         f, alpha, resolved, *error = (_take(dataset, one, place, polarisation=polarisation) for one in names)

@@ -75,11 +75,10 @@ class Painter:
         near = float(self.view.nearness(points).mean()) if nearness is None else nearness
         self.add(near, Path(self.view.project(points)), edge=color, width=width)
 
-    def add_polygon(self, corners: Array, *, nearness: float | None = None, **look: Any) -> None:
-        """Add a flat face with corners (n, 3), as near as their mean unless ``nearness`` is given; ``look`` as in add."""
-        near = float(self.view.nearness(corners).mean()) if nearness is None else nearness
+    def add_polygon(self, corners: Array, nearness: float, **look: Any) -> None:
+        """Add a flat face with corners (n, 3); ``look`` as in add."""
         flat = self.view.project(corners)
-        self.add(near, Path(np.vstack([flat, flat[:1]]), closed=True), **look)
+        self.add(nearness, Path(np.vstack([flat, flat[:1]]), closed=True), **look)
 
     def add_mesh(self, corners: Array, colours: Array) -> None:
         """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between them."""

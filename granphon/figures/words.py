@@ -69,7 +69,7 @@ def write_value(value: float, unit: str) -> str:
     return f"{value / size:.5g} {name}".replace("u", "µ")
 
 
-def describe_parameter(name: str, value: Any, unit: str = "") -> tuple[str, str]:
+def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     """Return the kind of fact that a parameter of a packing is, and its value in words: ("spread", "W = 2 µm")."""
     if name in _SYMBOLS and not isinstance(value, str):
         symbol, own = _SYMBOLS[name]
@@ -85,10 +85,10 @@ def describe_parameter(name: str, value: Any, unit: str = "") -> tuple[str, str]
         return name, f"{name} {value:.4g}" if isinstance(value, float) and value else f"no {name}" if not value else (
             f"{name} of {str(value).capitalize()}"
         )  # fmt: skip
-    return name, f"{name.replace('_', ' ')} {value} {unit}".rstrip()
+    return name, f"{name.replace('_', ' ')} {value}"
 
 
-def list_facts(packing: Packing, finite_overlap: bool = False) -> dict[str, str]:
+def list_facts(packing: Packing) -> dict[str, str]:
     """Return what balls and their contacts are, in words by kind; what two packings share has the same words."""
     ball, spread = packing.material, packing.spread
     kind = type(spread).__name__.lower()
@@ -103,7 +103,7 @@ def list_facts(packing: Packing, finite_overlap: bool = False) -> dict[str, str]
     )  # fmt: skip
     if spread is not None and packing.width and kind != "uniform":
         facts["spread"] += f" ({kind})"
-    return facts | {"overlap": describe_overlap(finite_overlap)}
+    return facts | {"overlap": describe_overlap(False)}
 
 
 def describe_overlap(finite: bool) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
-from collections.abc import Sequence
 from typing import Any
 
 from granphon.figures.scales import scale_axis, widen_axis
@@ -77,7 +76,15 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         for point in drawn:
             if not point.resolved:
                 ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_MARKER, mew=0.9, zorder=3.0)
-        for point in _choose_labelled(drawn) if len(drawn) > 1 else ():
+        # of points that lie close together the first has a label, so that labels can be read
+        labelled: list[MeasuredPoint] = []
+        for point in drawn if len(drawn) > 1 else ():
+            if any(
+                abs(math.log10(point.seconds / other.seconds)) <= 0.25 and abs(math.log10(point.error / other.error)) <= 0.6
+                for other in labelled
+            ):
+                continue
+            labelled.append(point)
             # above a curve, which falls to the right; below it where the axes end
             side, place = (-3.0, ("right", "top")) if point.seconds > _NEAR_END * slowest else (3.0, ("left", "bottom"))
             ax.annotate(
@@ -93,9 +100,14 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         widen_axis(ax, which, values)
     if not ran:
         ax.set_xlim(*_TIMES)
-    if errors:
-        _draw_floor(points, ax)
-    else:
+    floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
+    if errors and floor > 1e-4 * min(p.error for p in points if p.error > 0.0):
+        ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
+        near = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
+        ax.annotate("rounding", *near, ha="right", color="0.4", fontsize=7.0)
+    elif errors and floor:
+        ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), xycoords="axes fraction", color="0.4", fontsize=7.0)
+    elif not errors:
         ax.set_ylim(*_ERRORS)
         judged = any(not point.failure for point in ran)
         words = "no error above rounding" if judged else "run, but without a reference" if ran else "nothing was run"
@@ -117,31 +129,6 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
 def _limit_bar(point: MeasuredPoint) -> float:
     """Return the spread of times as it is drawn, s, limited so that the bar ends above zero."""
     return min(point.spread, 0.9 * point.seconds)
-
-
-def _draw_floor(points: Sequence[MeasuredPoint], ax: Axes) -> None:
-    """Draw the floor of rounding: a line if it is near, else words at the bottom."""
-    floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
-    if floor == 0.0:
-        return
-    if floor > 1e-4 * min(p.error for p in points if p.error > 0.0):
-        ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
-        place = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
-        ax.annotate("rounding", *place, ha="right", color="0.4", fontsize=7.0)
-    else:
-        ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), xycoords="axes fraction", color="0.4", fontsize=7.0)
-
-
-def _choose_labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
-    """Return the points that get a label: of several that lie close together, the first, so that labels can be read."""
-    kept: list[MeasuredPoint] = []
-    for point in points:
-        if all(
-            abs(math.log10(point.seconds / other.seconds)) > 0.25 or abs(math.log10(point.error / other.error)) > 0.6
-            for other in kept
-        ):
-            kept.append(point)
-    return kept
 
 
 def tradeoff_figure(result: TradeOff) -> Figure:

@@ -31,16 +31,6 @@ def find_reciprocal(bands: Bands) -> Array:
     return np.asarray(np.linalg.inv(bands.cell[: bands.periods, : bands.periods]).T)
 
 
-def _find_own_reciprocal(bands: Bands) -> Array:
-    """Return the reciprocal vectors (r, r) of the r vectors along which the cell repeats, in Cartesian axes of their own."""
-    repeats = np.asarray(bands.pbc)
-    if np.all(repeats):
-        return find_reciprocal(bands)
-    vectors = bands.cell[: bands.periods, : bands.periods][repeats]
-    axes, upper = np.linalg.qr(vectors.T)
-    return np.asarray(np.linalg.inv(vectors @ (axes * np.sign(np.diag(upper)))).T)
-
-
 def print_label(label: str) -> str:
     """Return the label of a corner as it is printed: Γ for G, and an index as a subscript."""
     parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
@@ -68,14 +58,23 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     repeats = np.asarray(bands.pbc)
     if not np.any(repeats):
         raise InputError(message("the balls repeat along no period", "A cluster has no Brillouin zone"))
-    reciprocal = _find_own_reciprocal(bands)
-    periods = len(reciprocal)
+    reciprocal, periods = find_reciprocal(bands), int(np.sum(repeats))
+    if not np.all(repeats):  # in Cartesian axes of the vectors along which the cell repeats
+        vectors = bands.cell[: bands.periods, : bands.periods][repeats]
+        axes, upper = np.linalg.qr(vectors.T)
+        reciprocal = np.asarray(np.linalg.inv(vectors @ (axes * np.sign(np.diag(upper)))).T)
     ends = bands.qpoints[:, [0, -1], : len(repeats)][..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
         view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
-        outline = _draw_faces(faces, view, ax)
-        ends = view.project(ends)
+        painter = Painter(view)  # faces are translucent, far edges thin
+        near = [view.nearness(face.mean(axis=0)) > 0.0 for face in faces]
+        for face, front in sorted(zip(faces, near, strict=True), key=lambda pair: pair[1]):
+            look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
+            look = look if front else {"edge": "0.75", "width": 0.4, "face": "none"}
+            painter.add_polygon(face, float(front), **look)
+        painter.draw(ax, "zone")
+        outline, ends = view.project(np.concatenate(faces)), view.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
         ax.add_patch(Polygon(outline, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
@@ -106,18 +105,6 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     low, high = points.min(axis=0), points.max(axis=0)
     hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
     return ax
-
-
-def _draw_faces(faces: list[Array], view: View, ax: Axes) -> Array:
-    """Draw the faces of a zone, translucent, far edges thin; return its corners on the paper, (n, 2)."""
-    near = [face for face in faces if view.nearness(face.mean(axis=0)) > 0.0]
-    far = [face for face in faces if view.nearness(face.mean(axis=0)) <= 0.0]
-    painter = Painter(view)
-    for group, edge, width, face_colour in ((far, "0.75", 0.4, "none"), (near, "0.3", 0.7, (0.6, 0.75, 0.9, 0.18))):
-        for face in group:
-            painter.add_polygon(face, face=face_colour, edge=edge, width=width, nearness=float(group is near))
-    painter.draw(ax, "zone")
-    return view.project(np.concatenate(faces))
 
 
 def _find_free_side(place: Array, ends: Array) -> Array:

@@ -38,30 +38,6 @@ def _tell_column(kind: str) -> str:
     return f"Head the column that is meant '{kind}'; {options}"
 
 
-def _require_headed(table: Table, names: Mapping[str, str], quantities: Mapping[str, Quantity]) -> None:
-    """Raise InputError if the table lacks one of the columns, or its unit: one error says all.
-
-    ``names`` are the headings of the columns by their kinds.
-    """
-    missing = [kind for kind, name in names.items() if name not in table]
-    bare = [kind for kind, name in names.items() if kind not in missing and not table.unit(name)]
-    if not missing + bare:
-        return
-    lacks = ["no column named " + " and none named ".join(repr(names[kind]) for kind in missing)] * bool(missing)
-    lacks += ["no unit for " + " and ".join(repr(names[kind]) for kind in bare)] * bool(bare)
-    units = {kind: quantities[kind].unit for kind in names}
-    heads = " and ".join(f"'{kind} ({unit})'" for kind, unit in units.items())
-    kind, unit = next((kind, units[kind]) for kind in names if kind in missing + bare)
-    mend = (
-        f"Head the columns {heads}, each with its unit in brackets;"
-        f" instead of a force there may be 'pressure ({quantities['pressure'].unit})' or 'side_force (N)',"
-        " instead of a velocity 'time (s)' and 'distance (m)'."
-        f" For other names, granphon fit takes --column '{kind}=NAME ({unit})', Python columns={{'{kind}': 'NAME ({unit})'}}"
-    )
-    why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
-    raise InputError(message(f"{table.name} has {', and '.join(lacks)}", why, mend))
-
-
 def read_sigma(text: str, velocity: Array) -> Any:
     """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1 %" of each."""
     if re.search(r"(?:%|percent)\s*$", text):
@@ -171,7 +147,23 @@ class Measurements(Result):
         if error == "time_sigma" and not timed:
             needed.append("time")
         needed += [kind for kind in (error, pulsed) if kind]
-        _require_headed(table, {kind: named.get(kind, kind) for kind in (load or "force", *needed)}, quantities)
+        heads = {kind: named.get(kind, kind) for kind in (load or "force", *needed)}
+        # columns that the table lacks, and those without a unit: one error says all
+        missing = [kind for kind, name in heads.items() if name not in table]
+        bare = [kind for kind, name in heads.items() if kind not in missing and not table.unit(name)]
+        if missing or bare:
+            lacks = ["no column named " + " and none named ".join(repr(heads[kind]) for kind in missing)] * bool(missing)
+            lacks += ["no unit for " + " and ".join(repr(heads[kind]) for kind in bare)] * bool(bare)
+            first = next(kind for kind in heads if kind in missing + bare)
+            wanted, unit = " and ".join(f"'{kind} ({quantities[kind].unit})'" for kind in heads), quantities[first].unit
+            mend = (
+                f"Head the columns {wanted}, each with its unit in brackets;"
+                f" instead of a force there may be 'pressure ({quantities['pressure'].unit})' or 'side_force (N)',"
+                " instead of a velocity 'time (s)' and 'distance (m)'. For other names, granphon fit takes"
+                f" --column '{first}=NAME ({unit})', Python columns={{'{first}': 'NAME ({unit})'}}"
+            )
+            why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
+            raise InputError(message(f"{table.name} has {', and '.join(lacks)}", why, mend))
         converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
         force = read(load or "force")
         if converted is not None:

@@ -71,31 +71,6 @@ class Block(NamedTuple):
 # -- densities --------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class DensityAverages:
-    """Averages over the balls of a shape by quadrature of the given ``order``, for the local-field factor ``xi``."""
-
-    shape: Shape
-    xi: float
-    order: int
-
-    def count(self, block: Block) -> int:
-        """Return one: steps are long and few, and a step that must be halved would make the work on those below useless."""
-        return 1
-
-    def balls(self, block: Block) -> DensityBalls:
-        """Return the averages at the points of the block, from quadrature nodes of each point."""
-        y = block.y
-        nodes = self.shape.nodes(y, self.order)
-        force, stiffness = (of(y[..., None], nodes.positions) for of in (self.shape.force, self.shape.stiffness))
-        common, known = self.shape.force(y), self.shape.stiffness(y)
-        mean = np.sum(nodes.weights * stiffness, axis=-1)
-        # on a short step differentiation amplifies the rounding of y and of the forces, which are counted from their mean
-        amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
-        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
-        return DensityBalls(self.xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
-
-
 @dataclass(frozen=True, eq=False)
 class DensityBalls:
     """Averages by quadrature, at the points of a block.
@@ -112,6 +87,19 @@ class DensityBalls:
     common: Array
     known: Array
     noise: Array
+
+    @classmethod
+    def of(cls, shape: Shape, xi: float, order: int, block: Block) -> DensityBalls:
+        """Average over the balls of a shape, by quadrature of the ``order`` at each point of a block."""
+        y = block.y
+        nodes = shape.nodes(y, order)
+        force, stiffness = (of(y[..., None], nodes.positions) for of in (shape.force, shape.stiffness))
+        common, known = shape.force(y), shape.stiffness(y)
+        mean = np.sum(nodes.weights * stiffness, axis=-1)
+        # on a short step differentiation amplifies the rounding of y and of the forces, which are counted from their mean
+        amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
+        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
+        return cls(xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
         """Return G(y, k) less the force ``common``, and dG/dk, (B, s + 1); and G at the lower ends (B,)."""

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.base.errors import PrecisionError, message
 from granphon.base.results import read_only
-from granphon.laws.averages import Block, DensityAverages, DensityBalls, PointAverages, PointBalls
+from granphon.laws.averages import Block, DensityBalls, PointAverages, PointBalls
 from granphon.laws.spread import FORCE, SLOPE, STIFFNESS, CurveLaw, Series, high_pressure_series
 
 Array = NDArray[np.float64]
@@ -305,7 +305,7 @@ def solve_curve(
     ``order`` is that of the quadrature over the balls of a density.
     Raises :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
-    averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, order)
+    averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
     rule, far = radau(stages), high_pressure_series(shape, xi)
     # the initial steps in ascending order, each as (origin, lower root, upper root)
     pending: list[tuple[float, float, float]] = []
@@ -328,10 +328,11 @@ def solve_curve(
             continue
         steps = [step for step in pending[: -count - 1 : -1] if step[:2] != (first, 0.0)]
         block = Block.of(steps, rule.points)
-        if (fewer := averages.count(block)) < len(steps):
+        # of a density one at a time: steps are long and few, and to halve one would make the work on those below useless
+        if (fewer := averages.count(block) if averages else 1) < len(steps):
             count = fewer
             continue
-        balls = averages.balls(block)
+        balls = averages.balls(block) if averages else DensityBalls.of(shape, xi, order, block)
         # k/<K^Q> is smooth: start from that of the last attempt, or from a constant
         ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
         found = _relax(balls, rule, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)

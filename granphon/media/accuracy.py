@@ -66,17 +66,11 @@ class Accuracy:
 
     def media(self) -> tuple[str, ...]:
         """Return the names of the media whose error is known, the cheapest first; the last is "simulation"."""
-        return tuple(next(iter(self._parts.values()))["errors"]["any"]["force"])
-
-    @property
-    def _parts(self) -> Mapping[str, Any]:
-        """The parts of the table, by the name of the lattice."""
-        parts: Mapping[str, Any] = self.data["lattices"]
-        return parts
+        return tuple(next(iter(self.data["lattices"].values()))["errors"]["any"]["force"])
 
     def _of(self, structure: Lattice, truth: FrictionHistory) -> Mapping[str, Any] | None:
         """Return the part of a lattice, or None."""
-        parts: Mapping[str, Any] = self.data["loaded"] if truth.is_loaded else self._parts
+        parts: Mapping[str, Any] = self.data["loaded" if truth.is_loaded else "lattices"]
         return parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
 
     def explain_uncovered(self, packing: Packing, truth: FrictionHistory = REST) -> str | None:
@@ -85,7 +79,7 @@ class Accuracy:
             return None
         part = self._of(packing.structure, truth)
         if part is None:
-            *others, last = self.data["loaded"] if truth.is_loaded else self._parts
+            *others, last = self.data["loaded" if truth.is_loaded else "lattices"]
             known = f"{', '.join(others)} and {last} lattices" if others else f"{last} lattice"
             against = " against arrays loaded with friction" if truth.is_loaded else ""
             return f"none were measured on the {packing.structure.name} lattice{against}; they were on the {known}"
@@ -98,7 +92,23 @@ class Accuracy:
         if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
             known = f"skewness up to {most['skewness']:.3g}, excess kurtosis up to {most['kurtosis']:.3g}"
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
-        return _explain_uncovered_truth(part, packing.mindlin_ratio, truth)
+        mu, eta = truth.friction_coefficient, packing.mindlin_ratio
+        if mu is None:
+            return None
+        low, high = min(part["mindlin_ratios"]), max(part["mindlin_ratios"])
+        least = min(float(one["friction_coefficient"]) for one in part["truths"])
+        responses = list(dict.fromkeys(one["shear_response"] for one in part["truths"]))
+        if eta == 0.0:
+            return "the balls resist no slip, so that no friction loads them"
+        if not low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9):
+            found = f"with friction in the statics they were measured for Mindlin ratios from {low:.3g} to {high:.3g}"
+            return f"{found}, not for {eta:.3g}"
+        if mu < least:
+            return f"they were measured for friction coefficients from {least:g} on, not for {mu:g}"
+        if truth.shear_response not in responses:
+            found = f"they were measured for shear_response {' and '.join(responses)} on this lattice"
+            return f"{found}, not for {truth.shear_response}"
+        return None
 
     def ratio(self, packing: Packing, truth: FrictionHistory = REST) -> float:
         """Return W/d of the arrays that the errors of a packing were measured of; zero in the directions of the lattice."""
@@ -109,8 +119,8 @@ class Accuracy:
 
         It is zero where every medium is exact. The packing must be one that the table covers.
         """
-        part = self._of(packing.structure, truth)
-        return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
+        part, table = self._of(packing.structure, truth), "overlap" if kind == "overlap" else "force"
+        return float(part["loads"][table][0]) if part is not None and packing.spread_matters else 0.0
 
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1, truth: FrictionHistory = REST) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
@@ -127,9 +137,17 @@ class Accuracy:
         part = self._of(packing.structure, truth)
         if part is None or self.explain_uncovered(packing, truth) is not None:
             return np.full(load.shape, np.inf)
-        table, family = _name_tabulated_kind(load.kind), _name_family(packing)
+        table, shape = "overlap" if load.kind == "overlap" else "force", packing.spread.shape if packing.spread else None
+        family = "uniform" if isinstance(shape, UniformShape) else "any"
+        if isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0:
+            family = "normal"
         loads, rows = np.array(part["loads"][table]), _select_rows(part["mindlin_ratios"], packing.mindlin_ratio)
-        beside = [np.array(errors[family][table][medium])[rows] for errors in _select_errors(part, truth)]
+        truths = [part]
+        if truth.friction_coefficient is not None:  # both neighbours of its friction coefficient
+            truths = [one for one in part["truths"] if one["shear_response"] == truth.shear_response]
+            known = [float(one["friction_coefficient"]) for one in truths]
+            truths = [truths[row] for row in _select_rows(known, truth.friction_coefficient)]
+        beside = [np.array(one["errors"][family][table][medium])[rows] for one in truths]
         largest = np.concatenate(beside).max(axis=0)
         power = 1.0 if truth.is_loaded and truth.shear_response == "partial_slip" else 2.0
         place = np.maximum(reduce_load(packing, load), 0.0)
@@ -143,53 +161,11 @@ class Accuracy:
         return np.asarray(np.where(place >= loads[0], found, np.inf))
 
 
-def _explain_uncovered_truth(part: Mapping[str, Any], eta: float, truth: FrictionHistory) -> str | None:
-    """Return the reason why the part of a lattice does not cover arrays loaded with friction; None if it does."""
-    mu = truth.friction_coefficient
-    if mu is None:
-        return None
-    low, high = min(part["mindlin_ratios"]), max(part["mindlin_ratios"])
-    if eta == 0.0:
-        return "the balls resist no slip, so that no friction loads them"
-    if not low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9):
-        found = f"with friction in the statics they were measured for Mindlin ratios from {low:.3g} to {high:.3g}"
-        return f"{found}, not for {eta:.3g}"
-    least = min(float(one["friction_coefficient"]) for one in part["truths"])
-    if mu < least:
-        return f"they were measured for friction coefficients from {least:g} on, not for {mu:g}"
-    responses = list(dict.fromkeys(one["shear_response"] for one in part["truths"]))
-    if truth.shear_response not in responses:
-        found = f"they were measured for shear_response {' and '.join(responses)} on this lattice"
-        return f"{found}, not for {truth.shear_response}"
-    return None
-
-
-def _select_errors(part: Mapping[str, Any], truth: FrictionHistory) -> list[Mapping[str, Any]]:
-    """Return the errors of the part of a lattice against a truth; those of both neighbours of its friction coefficient."""
-    if truth.friction_coefficient is None:
-        return [part["errors"]]
-    known = [one for one in part["truths"] if one["shear_response"] == truth.shear_response]
-    chosen = _select_rows([float(one["friction_coefficient"]) for one in known], truth.friction_coefficient)
-    return [known[row]["errors"] for row in chosen]
-
-
 def _select_rows(known: Sequence[float], value: float) -> list[int]:
     """Return the rows of the tabulated values next below and above ``value``, or the one row that has it."""
     above = min(int(np.searchsorted(known, value)), len(known) - 1)
     beside = [max(above - 1, 0), above]
     return [row for row in beside if math.isclose(known[row], value)] or beside
-
-
-def _name_family(packing: Packing) -> str:
-    """Return the family of the distribution of diameters: "uniform", "normal" or "any"."""
-    shape = packing.spread.shape if packing.spread else None
-    if isinstance(shape, UniformShape):
-        return "uniform"
-    return "normal" if isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0 else "any"
-
-
-def _name_tabulated_kind(kind: str) -> str:
-    return "overlap" if kind == "overlap" else "force"
 
 
 @cache

@@ -311,7 +311,9 @@ class MediumChoice:
         """Return the choice in each geometry, by word, that the medium of a packing has at values of a load, and places."""
         medium = self.of(packing)
         return [
-            (self if one is medium else MediumChoice(self.name, (*self.options, *one.named_geometry)), places)
+            (MediumChoice(self.name, (*self.options, ("geometry", one.geometry))), places)
+            if isinstance(one, DirectSimulation) and one is not medium
+            else (self, places)
             for one, places in medium.by_geometry(load, finite_overlap or None)
         ]
 

@@ -53,7 +53,11 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     """
     hertz = AveragedLattice(replace(packing, spread=None))
     if packing.width and not packing.spread_matters:
-        _require_one_force(packing, float(np.min(hertz.at(load).force)))
+        least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
+        if least < THRESHOLD_FORCE:  # no threshold of rigidity is on a line
+            what = f"a contact force of f* = {least:.3g} is below {THRESHOLD_FORCE:g}, the least that is simulated"
+            why = "On a line every medium is exact: all contacts carry the same force, and follow Hertz's law"
+            raise InputError(message(what, why, "Raise the load, or take another medium"))
     elif load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if packing.width and least < THRESHOLD_FORCE:
@@ -65,15 +69,6 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
             hertz.at(Load("overlap", np.max(load.array)))
         if np.min(load.array) <= -largest:
             raise explain_untouched(load, largest)
-
-
-def _require_one_force(packing: Packing, force: float) -> None:
-    """Raise an error for a contact force (N) on a line that is below f* = 1e-8; no threshold of rigidity is there."""
-    least = packing.width_units.reduced_force(force)
-    if least < THRESHOLD_FORCE:
-        what = f"a contact force of f* = {least:.3g} is below {THRESHOLD_FORCE:g}, the least that is simulated"
-        why = "On a line every medium is exact: all contacts carry the same force, and follow Hertz's law"
-        raise InputError(message(what, why, "Raise the load, or take another medium"))
 
 
 def sort_by_load(prescribed: Sequence[ReducedLoad]) -> list[int]:

@@ -21,7 +21,7 @@ from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.array.stepper import GAS
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, Refused, message
+from granphon.base.errors import InputError, Refused
 from granphon.base.text import show
 from granphon.base.validation import choice, number, read_inside, real_number, truth
 from granphon.media.equilibria import prescribe
@@ -96,15 +96,6 @@ class FrictionHistory:
     def from_gas(self) -> bool:
         """Whether the loading starts at the gas: balls apart on their sites."""
         return isinstance(self.start, str)
-
-    def require_friction(self, packing: Packing) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if samples are loaded with friction, and contacts have none."""
-        if self.is_loaded and packing.structure.periods == 1:
-            why = "On a line contacts do not slip, so that friction does nothing"
-            raise InputError(message("a chain has no friction_history", why, "Leave it out"))
-        if self.is_loaded and not packing.mindlin_ratio > 0.0:
-            why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
-            raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
 
     def reduce_start(self, packing: Packing, is_exact: bool) -> ReducedLoad | str:
         """Return the start in reduced units, or "gas"; that of equal balls, which need none, is at the default a*.

@@ -111,15 +111,6 @@ class LoadedLattice:
         velocities = _add_axes(scale, direction) * found[..., 0, :]
         return velocities, np.broadcast_to(found[..., 1:, :], (*velocities.shape, velocities.shape[-1]))
 
-    def find_reduced_velocities(self, direction: ArrayLike) -> Array:
-        """Return the velocities of :meth:`find_waves` over d (k/M)^1/2."""
-        return np.asarray(self.find_waves(direction)[0] / _add_axes(self.velocity_scale, direction))
-
-    def repeat_scale(self, direction: ArrayLike) -> Array:
-        """Return :attr:`velocity_scale` for each load and direction, (...) or (..., n), m/s."""
-        scale = self.velocity_scale
-        return np.broadcast_to(_add_axes(scale, direction)[..., 0], scale.shape + np.shape(direction)[:-1])
-
     @property
     def twist_velocity(self) -> Array:
         """Velocity of the twist wave of a straight chain, at each load, m/s."""

@@ -1,10 +1,9 @@
-"""Samples that are loaded with friction along a path: the samples at each load, and the error at which a path ends."""
+"""A sample that is loaded with friction along a path: the sample at each load, and the error at which the path ends."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,7 @@ from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.progress import Progress
-from granphon.base.results import read_only
 from granphon.media.friction_history import FrictionHistory
-from granphon.media.sampled_balls import SampledBalls
 
 Array = NDArray[np.float64]
 #: fraction by which rounding may put a load below the start
@@ -46,12 +42,6 @@ class LoadedSample:
     ratio: float
     workers: int
 
-    @classmethod
-    def of(cls, balls: SampledBalls, index: int) -> LoadedSample:
-        """Return one of the samples of a simulation."""
-        deviations = read_only(balls.deviations(index))
-        return cls(balls.packing, balls.seed_of(index), deviations, balls.history, balls.ratio, balls.workers)
-
     def press(
         self, path: Sequence[ReducedLoad], report: Callable[[], None] = lambda: None
     ) -> tuple[list[PressedSample], GranphonError | None]:
@@ -75,7 +65,7 @@ class LoadedSample:
     def require_start(self, path: Sequence[ReducedLoad]) -> None:
         """Raise as :meth:`press` does for a load below the start, which alone is solved; not for a start at the gas."""
         if not self.history.ordered and np.ptp(self.deviations):
-            self._require_above(*self._begin(), path)
+            self._refuse(*self._begin(), path)
 
     def _stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
         structure = self.packing.structure
@@ -95,16 +85,15 @@ class LoadedSample:
             error.option = "start"
             raise
 
-    @staticmethod
-    def _require_above(history: LoadingHistory, here: PressedArray, path: Sequence[ReducedLoad]) -> None:
-        by_force = path[0].overlap is None
-        start = ReducedLoad(here.overlap, history.stepper.measure(here, path[0]) if by_force else here.force)
-        require_above(start, path, isinstance(history.start, str))
+    def _refuse(self, history: LoadingHistory, here: PressedArray, path: Sequence[ReducedLoad]) -> None:
+        """Raise for a load of the path below ``here``, the start; one that is ordered goes where it likes."""
+        if not self.history.ordered:
+            force = history.stepper.measure(here, path[0]) if path[0].overlap is None else here.force
+            require_above(ReducedLoad(here.overlap, force), path, isinstance(history.start, str))
 
     def _press_different(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
         history, here = self._begin()
-        if not self.history.ordered:
-            self._require_above(history, here, path)
+        self._refuse(history, here, path)
         states, smooth = history.path(path, here), self._stencils()
         for place in range(len(path)):
             try:
@@ -154,31 +143,3 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
             error = InputError(message(what, why, mend))
             error.load_index = place
             raise error
-
-
-def press_all(
-    balls: SampledBalls, prescribed: Sequence[ReducedLoad], progress: Progress
-) -> tuple[list[PressedSample], list[int], GranphonError | None]:
-    """Load all samples along one path.
-
-    Returns the samples, load by load in the order of their indices, which are returned as well; and the error at which the
-    path ended, with the index of its load, if it ended before all loads were reached. Then the loads are those before it.
-    """
-    order = balls.history.sort(prescribed)
-    path = [prescribed[place] for place in order]
-    jobs = [partial(LoadedSample.of(balls, index).press, path) for index in range(balls.samples)]
-    with progress.step("loading with friction", len(path) * len(jobs)) as step:
-        if balls.executor is None:
-            found = [job(report=step.advance) for job in jobs]
-        else:
-            waiting, found = [balls.executor.submit(job) for job in jobs], []
-            for one in waiting:
-                found.append(one.result())
-                step.advance(len(path))
-    reached = min(len(samples) for samples, _ in found)
-    places = sorted(range(reached), key=lambda place: order[place])
-    every = [samples[place] for place in places for samples, _ in found]
-    error = next((error for samples, error in found if error is not None and len(samples) == reached), None)
-    if error is not None and error.load_index is not None:
-        error.load_index = order[error.load_index]
-    return every, [order[place] for place in places], error

@@ -32,14 +32,11 @@ from granphon.media.state import ContactState, Law, read_finite_overlap
 Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
-#: rough time of the effective medium for a density of diameters, s
-_DENSITY_TIME = 0.03
-#: the same for 64 listed diameters, s
-_LIST_TIME = 0.25
-#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2
-_LIST_OPENINGS = 2080.0
-#: exponent with which the time for listed diameters grows with the number of these overlaps
-_LIST_POWER = 1.25
+#: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
+_DENSITY_TIME, _LIST_TIME = 0.03, 0.25
+#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2; and the
+#: exponent with which the time grows with it
+_LIST_OPENINGS, _LIST_POWER = 2080.0, 1.25
 #: time below which work is done even when a scene is only checked and not run, s
 _QUICK_TIME = 0.1
 #: where the effective medium has its local field from; the first is the default
@@ -73,31 +70,31 @@ class LawMedium(MediumBase[ContactState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        load, follows = load.applied, read_finite_overlap(finite_overlap)
-        find = {"force": self._solve_at_force, "pressure": self._solve_at_pressure, "overlap": self._solve_at_overlap}[
-            load.kind
-        ]
-        with np.errstate(all="ignore"):  # _require_range raises for what is beyond double precision
-            force, overlap = find(load, follows)
-            stiffness = np.asarray(self.law.stiffness(overlap))
-        self._require_range(load, force, overlap, stiffness)
+        load, follows, law = load.applied, read_finite_overlap(finite_overlap), self.law
+        diameter, periods = self.packing.diameter, self.packing.structure.periods
+        with np.errstate(all="ignore"):  # what is beyond double precision is refused below
+            if load.kind == "overlap":
+                overlap = load.array
+                if law.least_overlap == 0.0:
+                    require_compressive("overlap", overlap)
+                if np.any(overlap <= law.least_overlap):
+                    raise explain_untouched(load, -law.least_overlap)
+                force = np.asarray(law.force(overlap))
+            elif load.kind == "pressure":
+                force, overlap = self._solve_at_pressure(load, follows)
+            else:
+                force, overlap = load.array, np.asarray(law.overlap(load.array))
+            stiffness = np.asarray(law.stiffness(overlap))
+            length = np.maximum(np.abs(overlap), self.packing.width)
+            # the last three are of the size of the slope of the stiffness, the pressure and the moduli
+            made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
+        if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
+            raise InputError(message(f"{load.describe(periods)} is too small or too large for double precision"))
+        require_shallow(self.packing, float(np.max(overlap / diameter)), load.describe(periods))
         return ContactState(
-            packing=self.packing, medium=self.name, law=self.law, force=force[()], overlap=overlap[()],
+            packing=self.packing, medium=self.name, law=law, force=force[()], overlap=overlap[()],
             normal_stiffness=stiffness[()], finite_overlap=follows,
         )  # fmt: skip
-
-    def _solve_at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Find force (N) and overlap (m) of a contact at given forces."""
-        return load.array, np.asarray(self.law.overlap(load.array))
-
-    def _solve_at_overlap(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Find force (N) and overlap (m) of a contact at given overlaps; raises InputError where no balls touch."""
-        law, overlap = self.law, load.array
-        if law.least_overlap == 0.0:
-            require_compressive("overlap", overlap)
-        if np.any(overlap <= law.least_overlap):
-            raise explain_untouched(load, -law.least_overlap)
-        return np.asarray(law.force(overlap)), overlap
 
     def _solve_at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Find force (N) and overlap (m) of a contact at given pressures.
@@ -121,20 +118,6 @@ class LawMedium(MediumBase[ContactState]):
             if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
                 break
         return np.asarray(law.force(delta)), delta
-
-    def _require_range(self, load: Load, force: Array, overlap: Array, stiffness: Array) -> None:
-        """Raise InputError if a number of the state, or one that observables derive from it, is beyond double precision.
-
-        Also raise it if balls overlap by their diameter or more.
-        """
-        diameter, periods = self.packing.diameter, self.packing.structure.periods
-        with np.errstate(all="ignore"):
-            length = np.maximum(np.abs(overlap), self.packing.width)
-            # the last three are of the size of the slope of the stiffness, the pressure and the moduli
-            made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
-        if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
-            raise InputError(message(f"{load.describe(periods)} is too small or too large for double precision"))
-        require_shallow(self.packing, float(np.max(overlap / diameter)), load.describe(periods))
 
 
 @dataclass(frozen=True)
@@ -209,12 +192,10 @@ class EffectiveMedium(LawMedium):
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
         if not isinstance(local_field, str) or local_field not in _LOCAL_FIELDS:
             raise InputError(message(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'"))
-        if local_field == "paper" and isinstance(packing, Packing) and packing.structure != TRIANGULAR:
-            raise InputError(
-                message(f"the paper gives no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
-            )
-        if local_field == "paper" and isinstance(packing, Packing) and packing.bending:
-            raise InputError(message("the paper gives no local field with bending", mend="Use 'computed'"))
+        if local_field == "paper" and isinstance(packing, Packing):
+            other = f"of the {packing.structure.name} lattice" if packing.structure != TRIANGULAR else ""
+            if lacking := other or "with bending" * bool(packing.bending):
+                raise InputError(message(f"the paper gives no local field {lacking}", mend="Use 'computed'"))
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
         self.__post_init__()

@@ -111,11 +111,6 @@ class MediumBase(ABC, Generic[StateT]):
         """Raise :class:`~granphon.base.errors.InputError` for a load below the start of the loading, which is solved."""
         return
 
-    @property
-    def named_geometry(self) -> tuple[tuple[str, str], ...]:
-        """The option that names its geometry, with its value; none if it has no balls with a geometry of their own."""
-        return ()
-
     def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
         """Return the medium in each geometry that it has at values of an applied load, and their places."""
         return [(self, list(range(load.size)))]

@@ -36,17 +36,11 @@ _MOST_SEED = 2**64 - 1
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 #: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
 read_cells = partial(lengths, low=1, high=20_000)
-#: greatest number of balls along a side of a sample, far beyond what fits into memory
-_MOST_SIDE = 2**31
-#: greatest number of cells of a sample, far beyond what fits into memory
-_MOST_CELLS = 2**48
-#: greatest number of samples, far beyond what fits into memory
-_MOST_SAMPLES = 2**31
-#: number of wave vectors along each axis at which a lattice is probed for motions that cost nothing; corners, edges and
-#: faces of the zone are among them
-_PROBED = 12
-#: frequency, in (k/M)^1/2, below which a wave costs nothing
-_SOFT = 1e-6
+#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what fits into memory
+_MOST_SIDE, _MOST_CELLS, _MOST_SAMPLES = 2**31, 2**48, 2**31
+#: number of wave vectors along each axis at which a lattice is probed for motions that cost nothing (corners, edges and
+#: faces of the zone are among them), and the frequency, in (k/M)^1/2, below which a wave costs nothing
+_PROBED, _SOFT = 12, 1e-6
 #: least width over diameter: where overlaps are more than 1e20 widths, some samples find no equilibrium
 _LEAST_WIDTH = 1e-20
 
@@ -94,8 +88,21 @@ class SampledBalls:
             object.__setattr__(self, name, value)
         held = history.from_gas and history.friction_coefficient != 0
         require_standing(self.packing, history.is_loaded, history.is_loaded and held)
-        shape = _read_shape(self.shape, self.packing.structure.periods)
-        object.__setattr__(self, "shape", shape)
+        periods, lengths = self.packing.structure.periods, self.shape
+        if lengths is not None:
+            try:
+                lengths = tuple(lengths)
+            except TypeError:
+                lengths = ()
+            if len(lengths) != periods:
+                names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
+                count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
+                raise InputError(message(f"shape is {brief(self.shape)}", mend=f"Give {count}, ({names})"))
+            lengths = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
+            if math.prod(lengths) > _MOST_CELLS:
+                what = f"shape is {lengths}, which are {float(math.prod(lengths)):.3g} cells"
+                raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
+        object.__setattr__(self, "shape", lengths or DEFAULT_SHAPES[periods])
         if self.diameters is not None:
             self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
@@ -119,28 +126,29 @@ class SampledBalls:
             why = f"The contacts {what} have the directions of the lattice anyway"
             raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
         require_small(self.ratio)
-        history.require_friction(self.packing)
-        self._require_start()
+        if history.is_loaded and self.packing.structure.periods == 1:
+            why = "On a line contacts do not slip, so that friction does nothing"
+            raise InputError(message("a chain has no friction_history", why, "Leave it out"))
+        if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
+            why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
+            raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
+        # a start that no sample can bear is refused, solving none
+        start = history.start
+        if isinstance(start, float) and self.packing.width:
+            start = Load("overlap", self.packing.width * (start - 0.5))
+        if history.is_loaded and isinstance(start, Load):
+            try:
+                require_load(self.packing, start.applied, self._largest)
+            except InputError as error:
+                refused = InputError(f"the start of the loading: {error}")
+                refused.option = "start"
+                raise refused from None
 
     @cached_property
     def history(self) -> FrictionHistory:
         """How samples are loaded: the options of a history, read as one; see :meth:`FrictionHistory.read`."""
         given = {name: getattr(self, name) for name in HISTORY_OPTIONS}
         return require("DirectSimulation", FrictionHistory.read, given)  # type: ignore[no-any-return]
-
-    def _require_start(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for a start that no sample can bear, solving none."""
-        start = self.history.start
-        if isinstance(start, float) and self.packing.width:
-            start = Load("overlap", self.packing.width * (start - 0.5))
-        if not (self.history.is_loaded and isinstance(start, Load)):
-            return
-        try:
-            require_load(self.packing, start.applied, self._largest)
-        except InputError as error:
-            refused = InputError(f"the start of the loading: {error}")
-            refused.option = "start"
-            raise refused from None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SampledBalls):
@@ -194,11 +202,6 @@ class SampledBalls:
     def ratio(self) -> float:
         """W/d in the exact geometry of contacts; zero where they keep the directions of the lattice."""
         return self.packing.relative_width if self.is_exact else 0.0
-
-    @property
-    def named_geometry(self) -> tuple[tuple[str, str], ...]:
-        """The option that names the geometry, with its value."""
-        return (("geometry", self.geometry),) if self.geometry is not None else ()
 
     def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
         """Return this simulation in each geometry, by word, that it has at values of an applied load, and their places.
@@ -265,68 +268,37 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
     :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
     """
     structure = packing.structure
-    own = _find_own_motions(structure)
+    own = next(iter(allowed_motions(structure.periods).values()))  # along the periods of the lattice
     if structure.dimension > structure.periods or packing.motions not in (None, own.name):
         what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
         if structure.dimension > structure.periods:
             what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
-        raise InputError(
-            message(
-                f"balls with {what} are not simulated",
-                "Simulated balls move along the periods of their lattice",
-                mend,
-            )
-        )
-    if by_friction:
+        why = "Simulated balls move along the periods of their lattice"
+        raise InputError(message(f"balls with {what} are not simulated", why, mend))
+    falls = None if by_friction else _explain_fall(structure, own)
+    if falls is None:
         return
-    still = ContactLattice.of(structure, 0.0, motions=own)
-    if still.mechanism or not _stands(structure):
-        why = still.mechanism or "Some of its waves cost no energy"
-        what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
-        raise MechanismError(message(what, why, _mend_standing(packing, own, history)))
-
-
-def _find_own_motions(structure: Lattice) -> Motions:
-    """Return the motions of simulated balls: those along the periods of their lattice."""
-    return next(iter(allowed_motions(structure.periods).values()))
-
-
-def _mend_standing(packing: Packing, own: Motions, history: bool) -> str:
-    """Return what simulates a lattice that does not stand without friction, in words."""
-    otherwise = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
-    eta = packing.material.mindlin_ratio
-    if ContactLattice.of(packing.structure, eta, bending=packing.bending).mechanism:
-        return f"Friction does not hold it either: {otherwise}"
+    what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
+    mend = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
     friction = "" if packing.friction else "friction: true of the packing and "
-    if history:
+    if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
+        mend = f"Friction does not hold it either: {mend}"
+    elif history:
         keys = f"{friction}start: gas, and a friction_coefficient above zero"
-        return f"Start the history at the gas ({keys}), from which friction holds it; or {otherwise}"
-    keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
-    return f"A simulation with {keys} simulates it; or {otherwise}"
+        mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
+    else:
+        keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+        mend = f"A simulation with {keys} simulates it; or {mend}"
+    raise MechanismError(message(what, falls, mend))
 
 
 @lru_cache(maxsize=64)
-def _stands(structure: Lattice) -> bool:
-    """Whether every wave of the lattice without friction costs energy, but for translations of the whole."""
-    still = ContactLattice.of(structure, 0.0, motions=_find_own_motions(structure))
+def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
+    """Return which waves of the lattice without friction cost no energy; None if all do, but translations of the whole."""
+    still = ContactLattice.of(structure, 0.0, motions=motions)
+    if still.mechanism:
+        return still.mechanism
     ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
     fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
-    return bool(np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT))
-
-
-def _read_shape(shape: Any, periods: int) -> tuple[int, ...]:
-    if shape is None:
-        return DEFAULT_SHAPES[periods]
-    try:
-        lengths = tuple(shape)
-    except TypeError:
-        lengths = ()
-    if len(lengths) != periods:
-        names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
-        count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
-        raise InputError(message(f"shape is {brief(shape)}", mend=f"Give {count}, ({names})"))
-    cells = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
-    if math.prod(cells) > _MOST_CELLS:
-        what = f"shape is {cells}, which are {float(math.prod(cells)):.3g} cells"
-        raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
-    return cells
+    stands = np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT)
+    return None if stands else "Some of its waves cost no energy"

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sample import STEP, jackknife, standard_error
+from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.errors import InputError, message
-from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
+from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
 from granphon.media.state import ContactState
 
 Array = NDArray[np.float64]
@@ -179,7 +179,11 @@ class SampledState(ContactState):
         if not self._is_isotropic_plane:
             tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
             return waves_of_tensor(tensor, along)
-        velocities = _compute_velocities(bulk_and_shear(tensor), density)
+        bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
+        # a sample that resists no shear has a modulus of zero, to rounding
+        shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
+        # v_L and v_T, m/s, from K and G, Pa (equation 16)
+        velocities = np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None])
         if along.ndim > 1:
             velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
@@ -196,49 +200,6 @@ class SampledState(ContactState):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        found, order = self.long_waves(direction), self.wave_names
-        ideal = self.loaded_lattice.find_reduced_velocities(direction)
-        return [np.asarray(found[..., i] / ideal[..., i]) for i in (order.index(n) for n in names)]
-
-
-def _compute_velocities(moduli: Array, density: ArrayLike) -> Array:
-    """Return v_L and v_T, (..., 2), m/s, from K and G, (..., 2), Pa, and the density, kg/m^3 (equation 16)."""
-    bulk, shear = np.moveaxis(moduli, -1, 0)
-    # a sample that resists no shear has a modulus of zero, to rounding
-    shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
-    return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))
-
-
-def mean_exponent(tensors: Array, beside: Array, force: ArrayLike = 1.0, stiffness: ArrayLike = 1.0) -> Array:
-    """Return d log v_L / d log P, (...), of the mean M over samples, which all have the same force or the same overlap.
-
-    Parameters
-    ----------
-    tensors : (..., n_samples, n, n) elastic tensors, Pa.
-    beside : (..., n_samples, 2, n, n) those below and above, at :data:`~granphon.array.sample.STEP` of log f to either side.
-    force, stiffness : (..., n_samples), N and N/m, of samples at the same overlap, over which the mean force is an average.
-    """
-    return _compute_exponent(np.mean(_compute_terms(tensors, beside, force, stiffness), axis=-2))
-
-
-def exponent_error(tensors: Array, beside: Array, force: ArrayLike = 1.0, stiffness: ArrayLike = 1.0) -> Array:
-    """Return the standard error of :func:`mean_exponent`, (...); it needs two samples or more."""
-    return jackknife(_compute_exponent, _compute_terms(tensors, beside, force, stiffness))
-
-
-def _compute_exponent(means: Array) -> Array:
-    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and f.
-
-    If all samples have the same force, the four are dM/d log f, M, 1 and 1.
-    """
-    rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
-    return np.asarray(0.5 * force * rise / (stiffness * modulus))
-
-
-def _compute_terms(tensors: Array, beside: Array, force: ArrayLike, stiffness: ArrayLike) -> Array:
-    """Return the terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples, 4)."""
-    low, high = np.moveaxis(longitudinal_modulus(beside), -1, 0)
-    modulus = longitudinal_modulus(tensors)
-    rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
-    f, k = (np.broadcast_to(values, modulus.shape) for values in (force, stiffness))
-    return np.stack([rise * k / f, modulus, k, f], axis=-1)
+        found, ideal = self.long_waves(direction), self.loaded_lattice.find_waves(direction)[0]
+        places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
+        return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]

@@ -8,9 +8,9 @@ Its mechanical equilibrium is found without friction (:mod:`granphon.array.equil
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from typing import Any, Self
 
@@ -19,23 +19,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.geometry import ReducedLoad
 from granphon.array.pressed_sample import PressedSample
-from granphon.array.sample import Sample
+from granphon.array.sample import STEP, Sample, jackknife
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
+from granphon.dynamics.tensors import longitudinal_modulus
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
-from granphon.media.loading import LoadedSample, press_all, require_above
+from granphon.media.loading import LoadedSample, require_above
 from granphon.media.medium import MediumBase
 from granphon.media.sampled_balls import SampledBalls
-from granphon.media.sampled_state import SampledState, exponent_error, mean_exponent
+from granphon.media.sampled_state import SampledState
 from granphon.media.state import read_finite_overlap
 
 Array = NDArray[np.float64]
-#: number of overlaps for which a law keeps the samples in memory
-_MOST_KEPT = 64
 #: for how many balls a ball counts in the exact geometry where a start is solved, and the least that a sample counts for:
 #: both take their time
 _EXACT_BALL, _LEAST_SAMPLE = 20, {False: 625, True: 2500}
@@ -67,23 +66,16 @@ class SampleLaw:
     def _average_at(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
         values = np.asarray(overlap, float)
         different, where = np.unique(values, return_inverse=True)
-        means = [np.mean([of(one) for one in self._simulate_at(value)]) for value in different.tolist()]
+        means = [np.mean([of(one) for one in self._simulate(value)]) for value in different.tolist()]
         return np.array(means)[where].reshape(values.shape)[()]
+
+    @cached_property
+    def _simulate(self) -> Callable[[float], tuple[Sample, ...]]:
+        """The samples at an overlap, of which the last 64 are kept."""
+        return lru_cache(maxsize=64)(lambda overlap: self.simulation.at_overlap(overlap).samples)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
-
-    def _simulate_at(self, overlap: float) -> tuple[Sample, ...]:
-        kept = self._kept
-        found = kept.pop(overlap, None) or self.simulation.at_overlap(overlap).samples
-        if len(kept) == _MOST_KEPT:
-            del kept[next(iter(kept))]
-        kept[overlap] = found  # at the end, so that the first is the one that was asked for longest ago
-        return found
-
-    @cached_property
-    def _kept(self) -> dict[float, tuple[Sample, ...]]:
-        return {}
 
     def energy(self, overlap: ArrayLike) -> Any:
         """Return the mean energy of a contact, J."""
@@ -242,7 +234,7 @@ class SimulatedState(SampledState):
         if not self.packing.spread_matters:
             return super().exponent
         periods, shortening = self.packing.structure.periods, self._shortening
-        exponent = mean_exponent(*self._exponent_terms)
+        exponent = _compute_exponent(np.mean(self._exponent_terms, axis=-2))
         return ((exponent - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening))[()]
 
     @property
@@ -252,25 +244,25 @@ class SimulatedState(SampledState):
             return super().exponent_error
         if self.n_samples == 1:
             return self._fill_shape(math.nan)
-        error = exponent_error(*self._exponent_terms)
+        error = jackknife(_compute_exponent, self._exponent_terms)
         return (error / (1.0 + (self.packing.structure.periods - 1.0) * self._shortening))[()]
 
     @property
-    def _exponent_terms(self) -> Iterator[Array]:
-        """What :func:`mean_exponent` takes of each sample: its force only if these have others."""
-        names = ("elastic_tensor", "elastic_tensors_beside", *(("force", "normal_stiffness") if self.fixed_overlap else ()))
-        return (self.over_samples(attrgetter(name)) for name in names)
+    def _exponent_terms(self) -> Array:
+        """The terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples, 4)."""
+        low, high = np.moveaxis(longitudinal_modulus(self.over_samples(attrgetter("elastic_tensors_beside"))), -1, 0)
+        modulus = longitudinal_modulus(self.over_samples(attrgetter("elastic_tensor")))
+        rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
+        # the mean force is an average of samples at the same overlap; at the same force the two are left out
+        names = ("force", "normal_stiffness") if self.fixed_overlap else ()
+        f, k = [self.over_samples(attrgetter(name)) for name in names] or (np.ones_like(modulus),) * 2
+        return np.stack([rise * k / f, modulus, k, f], axis=-1)
 
     @property
     def _shortening(self) -> Array:
         """Part by which the spacing falls for each unit of log f; 0 in the directions of the lattice."""
         spacing = self.packing.diameter - np.asarray(self.overlap)
         return np.where(self._is_exact, self.force / self.normal_stiffness / spacing, 0.0)
-
-    @property
-    def least_valid_force(self) -> float:
-        """Least valid mean contact force, 0 N: the simulation is valid at every load at which it finds an equilibrium."""
-        return 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,17 +396,49 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
             raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
-        load = _read_path(load, force=force, pressure=pressure, overlap=overlap)
+        given: dict[str, ArrayLike | None] = {"force": force, "pressure": pressure, "overlap": overlap}
+        if load is None:
+            load = Load.only(**given)
+        elif not isinstance(load, Load):
+            what = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
+            mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
+            raise InputError(message(what, "It does not say what kind of load that is", mend))
+        elif kinds := [kind for kind, values in given.items() if values is not None]:
+            what = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
+            raise InputError(message(what, mend="Give one"))
+        load = load.applied
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
 
     def _press(self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent) -> SimulatedState:
-        samples, reached, error = press_all(self, prescribed, progress)
+        """Load all samples along one path; an error at which it ends has ``reached`` the state at the loads before."""
+        order = self.history.sort(prescribed)
+        path = [prescribed[place] for place in order]
+        jobs = [partial(self._loaded_sample(index).press, path) for index in range(self.samples)]
+        with progress.step("loading with friction", len(path) * len(jobs)) as step:
+            if self.executor is None:
+                found = [job(report=step.advance) for job in jobs]
+            else:
+                waiting, found = [self.executor.submit(job) for job in jobs], []
+                for one in waiting:
+                    found.append(one.result())
+                    step.advance(len(path))
+        reached = min(len(samples) for samples, _ in found)
+        places = sorted(range(reached), key=lambda place: order[place])
+        every = [samples[place] for place in places for samples, _ in found]
+        error = next((error for samples, error in found if error is not None and len(samples) == reached), None)
         if error is None:
-            return SimulatedState.of(self, samples, load)
+            return SimulatedState.of(self, every, load)
+        if error.load_index is not None:
+            error.load_index = order[error.load_index]
         if reached:
-            error.reached = SimulatedState.of(self, samples, load.flat[reached])
+            error.reached = SimulatedState.of(self, every, load.flat[[order[place] for place in places]])
         raise error
+
+    def _loaded_sample(self, index: int) -> LoadedSample:
+        """Return one of the samples, as it is loaded with friction."""
+        deviations = read_only(self.deviations(index))
+        return LoadedSample(self.packing, self.seed_of(index), deviations, self.history, self.ratio, self.workers)
 
     def prescribed(self, load: Load) -> list[ReducedLoad]:
         """Convert each value of an applied load to a prescribed force or overlap in reduced units, in C order.
@@ -460,7 +484,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         if self.count_start(load):
             path = self.prescribed(load)
             for index in range(self.samples):
-                LoadedSample.of(self, index).require_start(path)
+                self._loaded_sample(index).require_start(path)
 
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""
@@ -474,16 +498,13 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         return slow * self.samples * max(self.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
 
 
-def _read_path(load: Any, **given: ArrayLike | None) -> Load:
-    """Return the applied loads of a path, which are a ``load`` or the one keyword that is not None."""
-    if load is None:
-        return Load.only(**given)
-    mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
-    if not isinstance(load, Load):
-        raise InputError(message(f"a path takes no {brief(load)}", "It does not say what kind of load that is", mend))
-    if kinds := [kind for kind, values in given.items() if values is not None]:
-        raise InputError(message(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one"))
-    return load.applied
+def _compute_exponent(means: Array) -> Array:
+    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and f.
+
+    If all samples have the same force, the four are dM/d log f, M, 1 and 1. M is the modulus of longitudinal waves, Pa.
+    """
+    rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
+    return np.asarray(0.5 * force * rise / (stiffness * modulus))
 
 
 def no_finite_overlap(medium: str) -> InputError:

@@ -420,7 +420,8 @@ class ContactState(Result):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
-        return [self.loaded_lattice.repeat_scale(direction)] * len(names)
+        scale, many = self.loaded_lattice.velocity_scale, np.shape(direction)[:-1]
+        return [np.broadcast_to(scale.reshape(scale.shape + (1,) * len(many)), scale.shape + many)] * len(names)
 
     def _fill_shape(self, value: Any) -> Values:
         return np.full(self.shape, value) if self.shape else value

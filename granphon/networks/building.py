@@ -310,27 +310,6 @@ def _round(values: Array, digits: int) -> Array:
         return np.asarray(np.rint(values * power) / power)
 
 
-def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the vectors of the cell (3, 3), m, and whether each is a period, from lengths (p,) or vectors (p, d)."""
-    full, periodic = np.zeros((3, 3)), np.zeros(3, bool)
-    if cell is not None:
-        given = real_array("cell", cell)
-        if given.ndim == 1 and 1 <= given.size <= 3:
-            given = np.diag(given)
-        if given.ndim != 2 or not 1 <= len(given) <= given.shape[1] <= 3:
-            what = f"the cell has the shape {np.shape(cell)}"
-            raise InputError(message(what, mend="Give the lengths of the periods, or their vectors as rows"))
-        full[: len(given), : given.shape[1]] = given
-        periodic[: len(given)] = np.any(given != 0.0, axis=1)
-    if pbc is not None:
-        plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
-        if not isinstance(plain, list | tuple) or len(plain) > 3 or (any(plain) and cell is None):
-            raise InputError(message(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"))
-        said = [require("pbc", truth, one) for one in plain]
-        periodic[:] = [*said, *[False] * (3 - len(said))]
-    return full, periodic
-
-
 def _first(values: Array, bad: NDArray[np.bool_]) -> float:
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
 

@@ -20,7 +20,8 @@ from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.reading import decode, read_bytes, require_path
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_cell, read_whole_numbers
+from granphon.base.validation import require, truth
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_whole_numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -189,7 +190,23 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
                 warn_unverified(table.name)
     if cell is None and pbc is None and "cell" in said:
         cell, pbc = said["cell"], said.get("pbc")
-    periods, periodic = read_cell(cell, pbc)
+    # the vectors of the cell, m, from lengths (p,) or vectors (p, d), and whether each is a period
+    periods, periodic = np.zeros((3, 3)), np.zeros(3, bool)
+    if cell is not None:
+        given = real_array("cell", cell)
+        if given.ndim == 1 and 1 <= given.size <= 3:
+            given = np.diag(given)
+        if given.ndim != 2 or not 1 <= len(given) <= given.shape[1] <= 3:
+            what = f"the cell has the shape {np.shape(cell)}"
+            raise InputError(message(what, mend="Give the lengths of the periods, or their vectors as rows"))
+        periods[: len(given), : given.shape[1]] = given
+        periodic[: len(given)] = np.any(given != 0.0, axis=1)
+    if pbc is not None:
+        plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+        if not isinstance(plain, list | tuple) or len(plain) > 3 or (any(plain) and cell is None):
+            raise InputError(message(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"))
+        periodic[: len(plain)] = [require("pbc", truth, one) for one in plain]
+        periodic[len(plain) :] = False
     of_balls.require("x")
     if "radius" in of_balls and "diameter" in of_balls:
         raise InputError(message(f"{of_balls.name} has both radius and diameter", mend="Leave one of them out"))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -123,20 +123,18 @@ def _find_direction(of: Analysis) -> Any:
     return None if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0]) else along
 
 
-def _find_transverse(of: Analysis) -> Any:
-    """Return the velocity of the transverse wave; None if there is none, or two, which have entries of their own."""
-    return None if of.velocities.transverse_slow is not None else of.velocities.transverse
+def _find_velocity(name: str) -> Callable[[Analysis], Any]:
+    """Return the function for an attribute of the velocities, which is None if there is no such wave.
+
+    Of two transverse waves each has an entry of its own, and both together have none.
+    """
+    both = name in ("transverse", "transverse_error")
+    return lambda of: None if both and of.velocities.transverse_slow is not None else getattr(of.velocities, name)
 
 
-def _find_transverse_error(of: Analysis) -> Any:
-    """Return the standard error of the transverse velocity; None if there is none, or two, which have their own entries."""
-    return None if of.velocities.transverse_slow is not None else of.velocities.transverse_error
-
-
-def _find_of_cubic(of: Analysis, name: str) -> Any:
-    """Return an attribute of the moduli of a square or cubic lattice; None if there are none, or the lattice is another."""
-    found = of.moduli
-    return getattr(found, name) if found is not None and found.cubic else None
+def _find_of_cubic(name: str) -> Callable[[Analysis], Any]:
+    """Return the function for an attribute of the moduli of a square or cubic lattice; it is None of another lattice."""
+    return lambda of: getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
@@ -151,10 +149,6 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
 # -- the entries ----------------------------------------------------------------------------------------------------
 
 
-def _make_packing_entry(name: str, unit: str, title: str, find: Callable[[Packing], float], **more: Any) -> Observable:
-    return Observable(name, unit, title, find=lambda of: find(of.state.packing), cost="packing", swept=False, **more)
-
-
 def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the state; its value is None for states that do not have the attribute."""
     return Observable(name, SimulatedState.units[name], title, find=lambda of: getattr(of.state, name, None), **more)
@@ -162,28 +156,18 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
 
 def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave."""
-    given: dict[str, Any] = {
-        "find": lambda of: getattr(of.velocities, name),
-        "cost": "velocities",
-        "per_direction": True,
-    } | more
-    return Observable(name, SoundVelocities.units["velocities"], title, **given)
+    unit = SoundVelocities.units["velocities"]
+    return Observable(name, unit, title, find=_find_velocity(name), cost="velocities", per_direction=True, **more)
 
 
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the moduli; its value is None if the lattice has no such modulus."""
 
-    modulus = name.removesuffix("_error")
-
     def find(of: Analysis) -> Any:
-        found = of.moduli
-        value = getattr(found, name, None) if modulus != name else None
-        if modulus != name and value is None:
-            return None
         with suppress(InputError):
             # a lattice without the modulus has no error of it either
-            known = getattr(found, modulus, None)
-            return known if modulus == name or known is None else value
+            known = getattr(of.moduli, name.removesuffix("_error"), None)
+            return None if known is None else getattr(of.moduli, name)
         return None
 
     return Observable(
@@ -196,7 +180,6 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
 
     Its value is None for the quantity that all samples have in common, and if there is only one sample.
     """
-
     error = f"{name}_error"
     return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
 
@@ -259,18 +242,20 @@ _OBSERVABLES = (
     Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
-    _make_packing_entry(
-        "width", "m", "width W of the distribution of diameters", lambda packing: packing.width,
-        meaning="width W: √12 times the standard deviation of the diameters",
+    Observable(
+        "width", "m", "width W of the distribution of diameters", find=lambda of: of.state.packing.width, cost="packing",
+        meaning="width W: √12 times the standard deviation of the diameters", swept=False,
     ),
-    _make_packing_entry(
-        "mindlin_ratio", "1", "shear over normal stiffness η; 0 without friction", lambda packing: packing.mindlin_ratio
+    Observable(
+        "mindlin_ratio", "1", "shear over normal stiffness η; 0 without friction", cost="packing", swept=False,
+        find=lambda of: of.state.packing.mindlin_ratio,
     ),
-    _make_packing_entry("mass", "kg", "mass of a ball of the mean diameter", lambda packing: packing.mass),
+    Observable(
+        "mass", "kg", "mass of a ball of the mean diameter", cost="packing", swept=False,
+        find=lambda of: of.state.packing.mass,
+    ),
     _make_velocity_entry("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
-    _make_velocity_entry(
-        "transverse", "transverse sound velocity", label="Transverse velocity", told=True, find=_find_transverse
-    ),
+    _make_velocity_entry("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
     _make_velocity_entry("transverse_slow", "slow transverse sound velocity", label="Slow transverse velocity", told=True),
     _make_velocity_entry("transverse_fast", "fast transverse sound velocity", label="Fast transverse velocity", told=True),
     _make_velocity_entry("out_of_plane", "sound velocity across the plane of the balls, 0 of a flexural wave"),
@@ -285,25 +270,22 @@ _OBSERVABLES = (
         find=_find_direction, cost="velocities", swept=False,
     ),
     _make_modulus_entry("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
-    _make_velocity_entry("longitudinal_error", f"{_OVER_SAMPLES} longitudinal sound velocity", sampled=True),
-    _make_velocity_entry(
-        "transverse_error", f"{_OVER_SAMPLES} transverse sound velocity", sampled=True, find=_find_transverse_error
-    ),
-    _make_velocity_entry(
-        "transverse_slow_error", f"{_OVER_SAMPLES} slow transverse sound velocity", sampled=True
-    ),
-    _make_velocity_entry(
-        "transverse_fast_error", f"{_OVER_SAMPLES} fast transverse sound velocity", sampled=True
+    *(
+        _make_velocity_entry(f"{name}_error", f"{_OVER_SAMPLES} {words} sound velocity", sampled=True)
+        for name, words in (
+            ("longitudinal", "longitudinal"), ("transverse", "transverse"), ("transverse_slow", "slow transverse"),
+            ("transverse_fast", "fast transverse"),
+        )
     ),
     _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
     _make_modulus_entry("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
     Observable(
         "anisotropy", "1", "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one",
-        find=lambda of: _find_of_cubic(of, "anisotropy"), cost="velocities",
+        find=_find_of_cubic("anisotropy"), cost="velocities",
     ),
     Observable(
         "anisotropy_error", "1", f"{_OVER_SAMPLES} anisotropy", cost="velocities", sampled=True,
-        find=lambda of: _find_of_cubic(of, "anisotropy_error"),
+        find=_find_of_cubic("anisotropy_error"),
     ),
     _make_modulus_entry(
         "tensor_error", f"{_OVER_SAMPLES} entries of the elastic tensor", sampled=True, dims=("voigt_row", "voigt_column")
@@ -395,18 +377,12 @@ def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> d
 
     With ``swept`` only those that sweeps store.
     """
-    found = ((name, find(of)) for name, find in _list_finders(tuple(CATALOGUE), tuple(costs), swept))
-    return {name: value for name, value in found if value is not None}
-
-
-@cache
-def _list_finders(
-    names: tuple[str, ...], costs: tuple[CostClass, ...], swept: bool
-) -> list[tuple[str, Callable[[Analysis], Any]]]:
-    """Return name and function of those observables among ``names`` that have these costs, in the order of the costs."""
-    known = [CATALOGUE[name] for name in names]
-    every = [one for cost in costs for one in known if one.cost == cost and (one.swept or not swept)]
-    return [(one.name, one.find) for one in every if one.find is not None]
+    found = {}
+    for cost in costs:
+        for name, one in CATALOGUE.items():
+            if one.cost == cost and one.find is not None and (one.swept or not swept):
+                found[name] = one.find(of)
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def axis_label(name: str, unit: str | None = None) -> str:

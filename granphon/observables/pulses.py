@@ -100,7 +100,16 @@ def pulse_velocities(
     d, periods = state.packing.diameter, state.packing.structure.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
-    names = _name_branches(state, along, branches)
+    known = state.wave_names
+    if branches is None:
+        v = state.long_waves(along).reshape(-1, len(known))
+        names = tuple(name for name, one in zip(known, v.T, strict=True) if np.all(one > 0.0)) or known
+    else:
+        names = texts("branches", branches)
+        unknown = [name for name in names if name not in known]
+        if unknown or not names:
+            among = "longitudinal, transverse or both" if known == ("longitudinal", "transverse") else ", ".join(known)
+            raise InputError(message(f"unknown branch {brief(unknown)}", mend=f"Use {among}"))
     scales = state.branch_scales(along, names)
     axes = along.ndim - 1
     try:
@@ -140,20 +149,6 @@ def pulse_velocities(
         names, phase, group.reshape(scale.shape) * scale, vector.reshape(*scale.shape, periods) * scale[..., None],
         wavenumber.reshape(scale.shape) / d, hertz, along, validity(state).warnings,
     )  # fmt: skip
-
-
-def _name_branches(state: ContactState, along: Array, branches: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the branches that were asked for, or those that pulses have by default."""
-    known = state.wave_names
-    if branches is None:
-        v = state.long_waves(along).reshape(-1, len(known))
-        return tuple(name for name, one in zip(known, v.T, strict=True) if np.all(one > 0.0)) or known
-    names = texts("branches", branches)
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        among = "longitudinal, transverse or both" if known == ("longitudinal", "transverse") else ", ".join(known)
-        raise InputError(message(f"unknown branch {brief(unknown)}", mend=f"Use {among}"))
-    return names
 
 
 def _find_wavenumbers(

@@ -22,56 +22,55 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, given_state
 from granphon.networks.network import ContactNetwork
 
-#: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
-#: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
+#: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says of it, with the worst
+#: value and the limit; what fails beyond it. A rising load reaches the first four together, near delta/d = 1 %, where the
+#: terms that the contact law leaves out are of that size too. What is said of the medium is in :attr:`Tally.warning`
 _LIMITS = {
     "contact_radius": (
-        MOST_CONTACT_RADIUS,
-        "contact radius over ball radius",
+        MOST_CONTACT_RADIUS, "contact radius over ball radius",
+        "the radius of a contact is {part} of that of a ball, more than {limit_part}",
         "Hertz's law assumes that the contact is a small spot",
     ),
-    "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
-    "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
-    "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
-    "spread": (0.03, "rms difference of diameters over their mean", "contacts are treated as those of nearly equal balls"),
+    "load": (
+        0.3, "(f/E d^2)^(1/6)", "the ratio (f/E d^2)^(1/6) is {worst}, more than {limit}",
+        "the balls must be much stiffer than their contacts",
+    ),
+    "velocity": (
+        0.5, "sound velocity over bulk velocity",
+        "sound is {worst} times as fast as in the material of the balls, more than {limit}",
+        "waves must be slow against those inside a ball",
+    ),
+    "resonance": (
+        0.5, "top frequency over the lowest resonance of a ball",
+        "the top frequency is {part} of the lowest resonance of a ball, more than {limit_part}",
+        "a ball must move as a rigid body",
+    ),
+    "spread": (
+        0.03, "rms difference of diameters over their mean",
+        "the rms difference of diameters is {part} of their mean, more than {limit_part}",
+        "contacts are treated as those of nearly equal balls",
+    ),
     "shear": (
-        LEFT_OUT_LIMIT,
-        "part by which the shear modulus of a simulation with friction is expected to be too small",
+        LEFT_OUT_LIMIT, "part by which the shear modulus of a simulation with friction is expected to be too small",
+        "the simulated shear modulus is too small, by {about} (v_T by {half})",
         "contacts of loose balls are left out. Use geometry: exact",
     ),
     "places": (
-        LEFT_OUT_LIMIT,
-        "part by which a velocity depends on the numbering of the balls",
+        LEFT_OUT_LIMIT, "part by which a velocity depends on the numbering of the balls",
+        "velocities depend on the numbering of the balls, by some {part}",
         "loose balls float in their cages as the array is pressed from the gas. Use geometry: exact",
     ),
     "torsion": (
-        0.1,
-        "overlap over diameter, over the torsion of a contact",
+        0.1, "overlap over diameter, over the torsion of a contact",
+        "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
         "other terms of the order of this torsion are left out",
     ),
-    "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
-}
-#: what a warning says of each condition before its reason, with the worst value and the limit; a condition that depends on
-#: the load begins with how many of the loads fail. That of the medium is in :attr:`Tally.warning`
-_WORDS = {
-    "contact_radius": "the radius of a contact is {part} of that of a ball, more than {limit_part}",
-    "load": "the ratio (f/E d^2)^(1/6) is {worst}, more than {limit}",
-    "velocity": "sound is {worst} times as fast as in the material of the balls, more than {limit}",
-    "resonance": "the top frequency is {part} of the lowest resonance of a ball, more than {limit_part}",
-    "shear": "the simulated shear modulus is too small, by {about} (v_T by {half})",
-    "places": "velocities depend on the numbering of the balls, by some {part}",
-    "torsion": "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
-    "yield": "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
-}
-#: the same of conditions that do not depend on the load
-_WORDS_OF_BALLS = {
-    "spread": "the rms difference of diameters is {part} of their mean, more than {limit_part}",
-    "young_modulus": "the Young modulus is {worst} Pa, less than {limit} Pa",
-    "density": "the density is {worst} kg/m^3, less than {limit} kg/m^3",
-    "high_density": "the density is {worst} kg/m^3, more than {limit} kg/m^3",
-    "diameter": "the diameter is {worst} m, less than {limit} m",
-    "large_diameter": "the diameter is {worst} m, more than {limit} m",
-}
+    "yield": (
+        1.07, "mean contact pressure over yield strength",
+        "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
+        "beyond it the contact begins to flow plastically",
+    ),
+}  # fmt: skip
 #: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and what digits of a file add
 _HERTZIAN, _ROUNDED = 0.5, 1e-2
 #: part by which velocities of arrays that are pressed from the gas in the directions of the lattice changed where the same
@@ -84,13 +83,14 @@ _KEEPS = "; finite_overlap=True keeps those of the static force and of the dista
 _DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
 #: reason given when a property of the material is outside its limit
 _WRONG_UNIT = "the unit is probably wrong, SI units are expected"
-#: conditions on the balls, by name: the attribute of the packing, what it is, the limit (SI), whether that is a least value
+#: conditions on the balls, by name: the attribute of the packing, what it is, its unit, the limit (SI), whether that is a
+#: least value
 _BALL_LIMITS = {
-    "young_modulus": ("material.young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
-    "density": ("material.density", "density in kg/m^3", 1.0, True),
-    "high_density": ("material.density", "density in kg/m^3", 3e4, False),
-    "diameter": ("diameter", "diameter in m", 1e-8, True),
-    "large_diameter": ("diameter", "diameter in m", 1.0, False),
+    "young_modulus": ("material.young_modulus", "Young modulus", "Pa", LEAST_YOUNG_MODULUS, True),
+    "density": ("material.density", "density", "kg/m^3", 1.0, True),
+    "high_density": ("material.density", "density", "kg/m^3", 3e4, False),
+    "diameter": ("diameter", "diameter", "m", 1e-8, True),
+    "large_diameter": ("diameter", "diameter", "m", 1.0, False),
 }
 
 
@@ -127,14 +127,19 @@ class Tally(NamedTuple):
                 are = "is lower," if self.failing == 1 else "are lower, down to"
                 lower = f"{self.failing} of the {self.loads} contact forces {are}"
             return f"{self.reason} below {least}: {lower} {force}."
-        several &= self.name in _WORDS
+        if self.name in _BALL_LIMITS:
+            _, what, unit, *_ = _BALL_LIMITS[self.name]
+            said = f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than {{limit}} {unit}"
+        else:
+            said = _LIMITS[self.name][2]
+        several &= self.name not in ("spread", *_BALL_LIMITS)  # which do not depend on the load
         up = "up to " if several and self.failing > 1 else ""
         words = {
             "worst": f"{up}{self.worst:.4g}", "part": f"{up}{100.0 * self.worst:.4g} %", "limit": f"{self.limit:g}",
             "limit_part": f"{100.0 * self.limit:g} %", "about": f"{up}about {100.0 * self.worst:.2g} %",
             "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - self.worst, 0.0))):.2g} %",
         }  # fmt: skip
-        said = (_WORDS | _WORDS_OF_BALLS)[self.name].format_map(words)
+        said = said.format_map(words)
         if several:
             which = f"all {self.loads}" if self.failing == self.loads else f"{self.failing} of {self.loads}"
             said = f"at {'both' if which == 'all 2' else which} loads {said}"
@@ -261,22 +266,13 @@ def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]
     if not simulation.resists_slip:
         return ()
     deficit = find_left_out(expect_shear_deficit(simulation.packing, load, simulation.friction_history), simulation.geometry)
-    limit, meaning, reason = _LIMITS["shear"]
-    warning = Check("shear", meaning, deficit, limit, reason).warning
+    warning = _check("shear", deficit).warning
     return () if warning is None else (warning,)
 
 
-def _find_top_frequencies(state: ContactState) -> Any:
-    """Return the top frequency of the branches at each load, (k/M)^1/2, without terms of finite overlap.
-
-    Where the torsion depends on the load, the square is interpolated between none and the largest torsion. It is a convex
-    function, so that the result is not below the top frequency.
-    """
-    lattice, torsion = state.loaded_lattice.without_overlap, np.asarray(state.torsion)
-    if state.loaded_lattice.is_one or np.ptp(torsion) == 0.0:
-        return lattice.top_frequency
-    ends = [ideal_lattice(state.packing).top_frequency ** 2, lattice.top_frequency**2]
-    return np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
+def _check(name: str, value: Any, more: str = "") -> Check:
+    limit, meaning, _, reason = _LIMITS[name]
+    return Check(name, meaning, value, limit, reason + more)
 
 
 def _compute_validity(state: ContactState) -> Validity:
@@ -292,7 +288,13 @@ def _compute_validity(state: ContactState) -> Validity:
         v, names = state.long_waves(_DIRECTIONS[lattice.periods]), lattice.wave_names
         bulk = [material.longitudinal_velocity if name == "longitudinal" else material.transverse_velocity for name in names]
         values["velocity"] = np.max(v / bulk, axis=(-2, -1))
-    top = _find_top_frequencies(state)
+    # the top frequency of the branches at each load, (k/M)^1/2, without terms of finite overlap. Where the torsion depends
+    # on the load, the square is interpolated between none and the largest torsion: it is a convex function, so that the
+    # result is not below the top frequency
+    top, torsion = lattice.top_frequency, np.asarray(state.torsion)
+    if not state.loaded_lattice.is_one and np.ptp(torsion) > 0.0:
+        ends = [ideal_lattice(state.packing).top_frequency ** 2, top**2]
+        top = np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
     values["resonance"] = top * state.loaded_lattice.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
@@ -306,18 +308,15 @@ def _compute_validity(state: ContactState) -> Validity:
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
-    checks = []
-    for name, value in values.items():
-        limit, meaning, reason = _LIMITS[name]
-        reason += _KEEPS if name == "torsion" and not state.n_samples else ""
-        checks.append(Check(name, meaning, np.asarray(value), limit, reason))
+    keeps = {"torsion": _KEEPS} if not state.n_samples else {}
+    checks = [_check(name, np.asarray(value), keeps.get(name, "")) for name, value in values.items()]
     if state.packing.width:
         reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
-    for name, (attribute, meaning, limit, at_least) in _BALL_LIMITS.items():
+    for name, (attribute, what, unit, limit, at_least) in _BALL_LIMITS.items():
         value = np.full(state.shape, attrgetter(attribute)(state.packing))
-        checks.append(Check(name, meaning, value, limit, _WRONG_UNIT, at_least))
+        checks.append(Check(name, f"{what} in {unit}", value, limit, _WRONG_UNIT, at_least))
     return Validity(tuple(checks))
 
 
@@ -335,7 +334,6 @@ def find_network_warnings(network: ContactNetwork) -> tuple[str, ...]:
     law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return ()
-    limit, meaning, reason = _LIMITS["contact_radius"]
     ratio = contact_radius_ratio(np.mean(1.5 * force / stiffness / diameter), 1.0)
-    warning = Check("contact_radius", meaning, ratio, limit, reason).warning
+    warning = _check("contact_radius", ratio).warning
     return () if warning is None else (warning,)

@@ -337,9 +337,6 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
-        return ", ".join(" ".join(_as_fraction(x) for point in path for x in point) for path in self.paths)
-
-
-def _as_fraction(x: float) -> str:
-    near = Fraction(x).limit_denominator(100)
-    return str(near) if float(near) == x else repr(x)
+        near = {x: Fraction(x).limit_denominator(100) for path in self.paths for point in path for x in point}
+        said = {x: str(one) if float(one) == x else repr(x) for x, one in near.items()}
+        return ", ".join(" ".join(said[x] for point in path for x in point) for path in self.paths)

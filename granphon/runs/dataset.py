@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,45 +35,37 @@ _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
 _OF_WAVES = ("pulse", "spectrum", "dos")
 
 
-@dataclass(frozen=True, eq=False)
-class PathPoints:
-    """The path of the bands, s segments of p points.
+def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Sequence[str] | None = None) -> Dataset:
+    """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes.
 
+    The path, which all packings share, has s segments of p points, and labels of its ``corners``. In the data set
     ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
     limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
+    :class:`~granphon.base.errors.InputError` if there is no such path.
     """
-
-    qpoints: Array
-    distances: Array
-    labels: tuple[str, ...]
-
-    @classmethod
-    def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> PathPoints:
-        """Lay the path that all packings share; :class:`InputError` if there is no such path."""
-        first = packings[0]
-        if len({(one.structure, one.ball_motions) for one in packings}) > 1:
-            raise InputError(
-                message(
-                    "bands cannot be swept over friction, motions or lattices",
-                    "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array",
-                    "Make a sweep of each",
-                )
-            )
-        vectors, p = first.structure.vectors, first.structure.periods
-        letters = special_points(vectors) if isinstance(bands, str) else {}
-        qpoints, ticks = interpolate_path(bands, npoints, letters, labels, p)
-        cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
-        # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
-        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
-        return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
-
-
-def make_frame(grid: Grid, path: PathPoints | None) -> Dataset:
-    """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
+    variables: dict[str, Any] = {}
+    if bands is not None:
+        if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
+            why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
+            what = "bands cannot be swept over friction, motions or lattices"
+            raise InputError(message(what, why, "Make a sweep of each"))
+        vectors, p = packing.structure.vectors, packing.structure.periods
+        letters = special_points(vectors) if isinstance(bands, str) else {}
+        qpoints, ticks = interpolate_path(bands, npoints, letters, corners, p)
+        cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
+        # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
+        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
+        # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
+        unit = "1/a" if all(finite) else "1/d" + ", or 1/a of media with finite overlap" * any(finite)
+        about = {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"}
+        fractions = {"long_name": "fractions of the reciprocal cell", "units": "1"}
+        variables["qpoints"] = (("segment", "point", "fraction"), qpoints, fractions)
+        variables["distances"] = (("segment", "point"), np.cumsum(steps).reshape(steps.shape), about)
+        variables["labels"] = ("corner", np.array(ticks), {"long_name": "corners of the path"})
     loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
@@ -97,15 +88,6 @@ def make_frame(grid: Grid, path: PathPoints | None) -> Dataset:
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
         "finite_overlap": int(all(finite)), "direction": along,
     }  # fmt: skip
-    variables: dict[str, Any] = {}
-    if path is not None:
-        # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
-        unit = "1/a" if all(finite) else "1/d" + ", or 1/a of media with finite overlap" * any(finite)
-        about = {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"}
-        fractions = {"long_name": "fractions of the reciprocal cell", "units": "1"}
-        variables["qpoints"] = (("segment", "point", "fraction"), path.qpoints, fractions)
-        variables["distances"] = (("segment", "point"), path.distances, about)
-        variables["labels"] = ("corner", np.array(path.labels), {"long_name": "corners of the path"})
     if (waves := asked.waves) is not None:
         attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})
         if waves.spectrum is not None:
@@ -186,7 +168,11 @@ def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: list[Tas
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
     if any(serving.chosen_automatically for one in cases for serving in one.case.serving_media):
-        parts = [part | one.choices() for one, part in zip(cases, parts, strict=True)]
+        for number, one in enumerate(cases):  # the medium that serves each load, and its error, +inf where that is not known
+            choice, error = np.empty(load.size, object), np.empty(load.size)
+            for serving in one.case.serving_media:
+                choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
+            parts[number] |= {"choice": choice.astype(str), "expected_error": error}
     # keep the variables that every case has
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     packing = grid.cases[0].packing

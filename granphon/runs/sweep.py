@@ -42,7 +42,7 @@ from granphon.observables.catalogue import Analysis
 from granphon.phonons.paths import BandPath
 from granphon.runs.archive import file_names, load_sweep, write_sweep
 from granphon.runs.cases import Asked, Case, Grid, require_arrays
-from granphon.runs.dataset import PathPoints, collect_identity, fill, make_frame
+from granphon.runs.dataset import collect_identity, fill, make_frame
 from granphon.runs.execution import solve_all
 from granphon.runs.samples import SampleRecord
 from granphon.runs.store import Store, TaskResult, open_store
@@ -269,11 +269,11 @@ class SweepRun:
     @classmethod
     def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
-        path = None if bands is None else PathPoints.of([case.packing for case in grid.cases], bands, npoints, labels)
-        frame = make_frame(grid, path)
+        frame = make_frame(grid, bands, npoints, labels)
         if grid.asked.sound:
             _require_sound(grid.cases)
-        return cls(grid, frame, tuple(CaseTasks(case, None if path is None else path.qpoints) for case in grid.cases))
+        qpoints = frame["qpoints"].values if "qpoints" in frame else None
+        return cls(grid, frame, tuple(CaseTasks(case, qpoints) for case in grid.cases))
 
     def do(
         self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None

@@ -140,14 +140,6 @@ class CaseTasks:
         state = SimulatedState.of(medium, samples, serving.load.applied[0])
         return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
 
-    def choices(self) -> TaskResult:
-        """Return the medium that serves each load, and its expected error, +inf where that is not known."""
-        load = self.case.load
-        choice, error = np.empty(load.size, object), np.empty(load.size)
-        for serving in self.case.serving_media:
-            choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
-        return {"choice": choice.astype(str), "expected_error": error}
-
 
 # -- of a medium ----------------------------------------------------------------------------------------------------
 

@@ -62,16 +62,14 @@ def _wave(key: str, words: str, default: str) -> Field:
 
 
 def _part(name: str, words: str, default: str = "", place: str = "", kind: Kind | None = None) -> Field:
-    """Return a field of the packing."""
-    return Field(f"packing.{name}", place or f"packing.{name}", kind or PARTS[name], words, default)
+    """Return a field of the material or of the packing."""
+    block = "material" if name in ("young_modulus", "poisson_ratio", "density", "yield_strength") else "packing"
+    own = name if block == "packing" else f"material.{name}"
+    return Field(f"{block}.{name}", place or f"packing.{own}", kind or PARTS[name], words, default)
 
 
 def _unless_zero(kind: Kind) -> Kind:
     return Kind(kind.read, lambda value, at: kind.write(value, at) if value else None)
-
-
-def _material(name: str, words: str, default: str = NEEDED) -> Field:
-    return Field(f"material.{name}", f"packing.material.{name}", PARTS[name], words, default)
 
 
 _OWN_MOTIONS = Kind(  # those that the lattice has by default are left out
@@ -80,10 +78,10 @@ _OWN_MOTIONS = Kind(  # those that the lattice has by default are left out
 )
 FIELDS: tuple[Field, ...] = (
     Field("schema", "schema", Kind.plain(rules.read_schema), "version of this format", f"`{SCENE_SCHEMA}`"),
-    _material("young_modulus", "Young modulus of the material"),
-    _material("poisson_ratio", "Poisson ratio of the material"),
-    _material("density", "density of the material, not of the packing"),
-    _material("yield_strength", "uniaxial yield stress; you are warned where contacts would flow", "none: not checked"),
+    _part("young_modulus", "Young modulus of the material", NEEDED),
+    _part("poisson_ratio", "Poisson ratio of the material", NEEDED),
+    _part("density", "density of the material, not of the packing", NEEDED),
+    _part("yield_strength", "uniaxial yield stress; you are warned where contacts would flow", "none: not checked"),
     _part("lattice", "how the balls are arranged, see [lattices](#lattices)", place="packing.structure"),
     _part("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
     _part("spread", "how diameters differ, see [spread](#spread)", "equal balls", kind=rules.OWN_SPREAD),

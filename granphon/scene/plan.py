@@ -109,7 +109,7 @@ class PlannedCase:
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`SceneSource`."""
-        return self.origin.at_load(self.written, index, before)
+        return self.origin.at_index("load", self.written, index, before)
 
     def _find_state(self, index: int) -> ContactState:
         serving = next(serving for serving in self.serving_media if index in serving.loads)
@@ -144,7 +144,7 @@ class Plan:
                     raise
             if error.load_index is None:
                 raise
-            with self.origin.at_load(self.load.kind, error.load_index):
+            with self.origin.at_index("load", self.load.kind, error.load_index):
                 raise
 
     @property
@@ -217,7 +217,7 @@ class Plan:
                     change_packing(packing, {axis.name: value})
                 continue
             for index, value in enumerate(axis.values):
-                with self.origin.at_value(axis.name, index):
+                with self.origin.at_index("sweep", axis.name, index):
                     change_packing(packing, {axis.name: value})
         with self.origin.at("sweep"):
             count_combinations(self.axes)

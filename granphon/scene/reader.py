@@ -45,11 +45,6 @@ class SceneSource:
         """Read the document in a scene file; :class:`~granphon.base.errors.SceneError` if it is not YAML."""
         return cls(parse_yaml(read_text(path), str(path)), Path(path))
 
-    @classmethod
-    def of_text(cls, text: str, name: str) -> SceneSource:
-        """Read a document from a text, which messages call ``name``; SceneError if it is not YAML."""
-        return cls(parse_yaml(text, name))
-
     @property
     def folder(self) -> Path:
         """Folder to which the names of files in the scene are relative."""
@@ -113,33 +108,27 @@ class SceneSource:
         by_default = self.document is not None and "medium" not in self.document.data
         return self.at("medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; ")
 
-    def at_load(self, kind: str, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Place errors of the block at the load number ``index`` of the kind ``kind``, with ``before`` in front."""
-        path, given = self._place("load", kind, index)
-        return self.at(*path, before=f"found {given}; allowed: a load that the balls can carry; {before}")
-
-    def at_value(self, parameter: str, index: int) -> AbstractContextManager[None]:
-        """Place errors of the block at the value number ``index`` of a swept parameter."""
-        path, given = self._place("sweep", parameter, index)
-        return self.at(*path, before=f"found {given}; allowed: a value that the packing can have; ")
-
-    def _place(self, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], str]:
-        """Path and text of the value number ``index`` of a key.
+    def at_index(self, block: str, key: str, index: int, before: str = "") -> AbstractContextManager[None]:
+        """Place errors of the block at a value of a load, or of a parameter of the sweep, with ``before`` in front.
 
         The key holds one value, a list, or a range. Of a range, the place is "from" for the first value and "to" for the
         last; a value between them has no key of its own, and its place is the range.
         """
         if self.document is None:
-            return (block, key), ""
+            return self.at()
         given = self.document.data[block][key]
+        path: tuple[str | int, ...] = (block, key)
+        found, place = show(given), path
         if isinstance(given, list):
-            return (block, key, index), show(given[index])
-        if isinstance(given, dict):
+            found, place = show(given[index]), (*path, index)
+        elif isinstance(given, dict):
             first, last, points = given["from"], given["to"], given["points"]
             if 0 < index < points - 1:
-                return (block, key), f"value {index + 1} of {points} from {show(first)} to {show(last)}"
-            return (block, key, "to" if index else "from"), show(last if index else first)
-        return (block, key), show(given)
+                found = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
+            else:
+                found, place = show(last if index else first), (*path, "to" if index else "from")
+        allowed = "a load that the balls can carry" if block == "load" else "a value that the packing can have"
+        return self.at(*place, before=f"found {found}; allowed: {allowed}; {before}")
 
     # -- what a scene is made of ----------------------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from granphon.balls.parameters import PARAMETERS, Axis
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import load_quantities
+from granphon.base.text import parse_yaml
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
 from granphon.scene.plan import Plan
@@ -75,7 +76,7 @@ class Scene(Specification):
 
         Files that it names are looked for in the working folder.
         """
-        return cls._read(SceneSource.of_text(text, name))
+        return cls._read(SceneSource(parse_yaml(text, name)))
 
     @classmethod
     def _read(cls, origin: SceneSource) -> Self:

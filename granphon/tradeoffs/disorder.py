@@ -5,16 +5,15 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.diameters import Spread
 from granphon.balls.distributions import PointShape
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError
 from granphon.laws.effective import solve_curve
 from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.mean_field import AveragedForce, EffectiveMedium
@@ -23,6 +22,10 @@ from granphon.media.state import ContactState
 from granphon.observables.velocities import local_exponent
 from granphon.tradeoffs.ensemble import QUANTITIES, observe
 from granphon.tradeoffs.study import SECONDS, Stopwatch
+
+if TYPE_CHECKING:
+    from granphon.balls.diameters import Spread
+
 
 Array = NDArray[np.float64]
 #: number of openings of listed diameters above which solving the effective medium takes noticeable time
@@ -51,17 +54,10 @@ class Disorder:
         """Indices of the observed quantities."""
         return [QUANTITIES.index(name) for name in self.quantities]
 
-    @cached_property
-    def spread(self) -> Spread:
-        """Distribution of the diameters."""
-        if self.packing.spread is None:
-            raise InputError("the balls are equal.")
-        return self.packing.spread
-
     @property
     def shape(self) -> Any:
-        """Shape of the distribution."""
-        return self.spread.shape
+        """Shape of the distribution of diameters, which is not that of equal balls."""
+        return cast("Spread", self.packing.spread).shape
 
     def state(self, medium: Any) -> ContactState:
         """State of a medium at the loads."""
@@ -84,11 +80,6 @@ class Disorder:
         return out[:, self.columns]
 
     @cached_property
-    def effective(self) -> ContactState:
-        """State of the effective medium at the loads."""
-        return self.state(EffectiveMedium(self.packing))
-
-    @cached_property
     def solving(self) -> float:
         """Predicted time of solving the effective medium, s; zero up to ``MOST_OPENINGS`` openings."""
         shape = self.shape
@@ -106,7 +97,7 @@ class Disorder:
         state = self.state(AveragedForce(self.packing))
         if not self.solving:
             with suppress(GranphonError):  # the loads may be below those of the effective medium
-                state = self.effective
+                state = self.state(EffectiveMedium(self.packing))
         by_force = np.asarray(local_exponent(state))
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W

@@ -1,8 +1,8 @@
 """Measure speed against accuracy: time and error of each medium.
 
-Studies (:mod:`granphon.tradeoffs.study`) are tasks (:mod:`granphon.runs.execution`) that share a budget of time; that of
-the media is the one there is. A finished one is kept. Each point of a study is timed several times after a run to warm up,
-and its error is that of the quantities that a scene observes.
+The study of the media (:mod:`granphon.tradeoffs.media_study`) is a task (:mod:`granphon.runs.execution`) with a budget of
+time, and is kept once it is finished. Each of its points is timed several times after a run to warm up, and its error is
+that of the quantities that a scene observes.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import statistics
 import tracemalloc
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -34,8 +34,8 @@ from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
-from granphon.tradeoffs.media_study import choose_study
-from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
+from granphon.tradeoffs.media_study import MediaStudy, choose_study
+from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch
 
 Array = NDArray[np.float64]
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
@@ -52,8 +52,6 @@ _MARGIN = 1.5
 _OBSERVED = ("velocities", "bands", "dos")
 #: part of the time of a study that its points may take
 _FOR_POINTS = 0.4
-#: part of the budget that the first of several studies may take: most users want it, and its reference takes long
-_FOR_FIRST = 0.6
 #: files of a trade-off
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
@@ -262,11 +260,11 @@ def tradeoff(
         "trade-off of": packing, load.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
         "against": asdict(against), "budget": budget, "runs": runs, "versions": packages(),
     }  # fmt: skip
-    return carry_out([asked], load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
+    return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
 
 
 def carry_out(
-    studies: Sequence[Study],
+    study: MediaStudy,
     kind: str,
     budget: float,
     runs: int = LEAST_RUNS,
@@ -276,42 +274,38 @@ def carry_out(
     store: Store | None = None,
     identity: Mapping[str, Any] | None = None,
 ) -> TradeOff:
-    """Carry out studies of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it).
+    """Carry out a study of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it), by an ``executor``.
 
-    They are done one after the other, or side by side by an ``executor``. Finished ones are kept in a ``store``, which is
-    claimed for the ``identity`` of the trade-off: plain data that say which it is.
+    Once it is finished it is kept in a ``store``, which is claimed for the ``identity`` of the trade-off: plain data that
+    say which it is.
     """
-    key = digest(identity)
-    others = len(studies) - 1
-    parts = [_FOR_FIRST, *[(1.0 - _FOR_FIRST) / others] * others] if others else [1.0]
-    tasks = [
-        _StudyTask(study, f"study-{key}-{study.name}", part * budget, runs, stopwatch)
-        for study, part in zip(studies, parts, strict=True)
-    ]
+    told = progress if executor is None else silent
+    task = _StudyTask(study, f"study-{digest(identity)}-{study.name}", budget, runs, stopwatch, told)
     if store is not None:
-        store.claim(identity, lambda: [task.name for task in tasks])
-    found = [] if executor is None else solve_all("trade-off", tasks, executor, progress, store)
-    for place, task in enumerate(tasks if executor is None else ()):
-        # what a study leaves of its part is for those after it
-        left, planned = budget - _add_times(found), sum(one.seconds for one in tasks[place:])
-        own = replace(task, seconds=left * task.seconds / planned, progress=progress)
-        found += solve_all(task.where, [own], store=store)
-    points = [MeasuredPoint.from_dict(json.loads(text)) for part in found for text in part["points"].tolist()]
-    references = {study.name: made for study, part in zip(studies, found, strict=True) for made in part["made"].tolist()}
-    observed = {study.name: study.observed for study in studies}
-    return TradeOff(tuple(points), kind, studies[0].loads, observed, references, runs, _add_times(found), float(budget))
+        store.claim(identity, lambda: [task.name])
+    label, shown = (task.where, silent) if executor is None else ("trade-off", progress)
+    (found,) = solve_all(label, [task], executor, shown, store)
+    points = tuple(MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist())
+    references = {study.name: found["made"].item()} if found["made"].size else {}
+    observed, seconds = {study.name: study.observed}, float(found["seconds"].item())
+    return TradeOff(points, kind, study.loads, observed, references, runs, seconds, float(budget))
 
 
-def _add_times(found: Sequence[TaskResult]) -> float:
-    """Return the time that finished studies took together, s."""
-    return float(sum(part["seconds"].item() for part in found))
+class _Runs(NamedTuple):
+    """The runs of a point: their outcomes, times of solving and preparing (s), and memory (bytes)."""
+
+    point: Point
+    outcomes: list[Any]
+    seconds: list[float]
+    setups: list[float]
+    memory: int
 
 
 @dataclass(frozen=True, eq=False)
 class _StudyTask:
     """A study with the time that it may take, s, as a task; its result holds the points as JSON texts, and its time."""
 
-    study: Study
+    study: MediaStudy
     name: str
     seconds: float
     runs: int
@@ -333,104 +327,71 @@ class _StudyTask:
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Carry out the study from now on."""
-        references: dict[str, str] = {}
-        start = self.stopwatch.now()
+        """Measure the points of the study in a part of its time, from now on, and find its reference in the rest."""
+        study, now = self.study, self.stopwatch.now
+        start = now()
         deadline = Deadline(self.stopwatch, start + self.seconds)
-        points = _carry_out_one(self.study, deadline, self.runs, self.progress, references)
-        texts, made = [json.dumps(point.to_dict()) for point in points], list(references.values())
-        taken = self.stopwatch.now() - start
-        return {"points": np.array(texts, str), "made": np.array(made, str), "seconds": np.array(taken)}
+        halfway = Deadline(self.stopwatch, now() + _FOR_POINTS * deadline.left)
+        points, failures, done = study.make_points(), dict[Point, str](), list[_Runs]()
+        with self.progress.step(study.name, len(points)) as step:
+            taken: dict[str, float] = {}
+            for point in points:
+                try:
+                    # a knob that is turned further takes longer
+                    done.append(_time(point, self.runs, halfway, max(point.seconds, taken.get(point.method, 0.0))))
+                    taken[point.method] = statistics.median(done[-1].seconds)
+                except _BudgetError as error:
+                    failures[point], taken[point.method] = str(error), math.inf
+                except GranphonError as error:
+                    failures[point] = str(error)
+                step.advance()
+            # few runs do not tell the rms error of a random point: it is run more often, untimed, in half of the time left
+            random = [one for one in done if one.point.random]
+            until = now() + 0.5 * halfway.left
+            for place, one in enumerate(random):
+                long = statistics.median(one.seconds) + statistics.median(one.setups)
+                end = now() + (until - now()) / (len(random) - place)
+                while len(one.outcomes) < _MOST_DRAWS and now() + _MARGIN * long < end:
+                    one.outcomes.append(one.point.solve(one.point.prepare(len(one.outcomes) + 1)))
 
+        def better(reference: Reference) -> bool:
+            """Return whether the reference is good enough for every point."""
+            found = [(study.compute_errors(one.outcomes, reference), reference.errors) for one in done]
+            return all(np.max(e) >= BETTER * r.flat[int(np.argmax(e))] for e, r in found)
 
-class _Runs(NamedTuple):
-    """The runs of a point: their outcomes, times of solving and preparing (s), and memory (bytes)."""
-
-    point: Point
-    outcomes: list[Any]
-    seconds: list[float]
-    setups: list[float]
-    memory: int
-
-
-def _carry_out_one(
-    study: Study, deadline: Deadline, runs: int, progress: Progress, references: dict[str, str]
-) -> list[MeasuredPoint]:
-    """Measure the points of a study in a part of the time to the deadline, and find its reference in the rest.
-
-    How the reference was made is added to ``references``.
-    """
-    points = study.make_points()
-    failures: dict[Point, str] = {}
-    done: list[_Runs] = []
-    now = deadline.stopwatch.now()
-    halfway = Deadline(deadline.stopwatch, now + _FOR_POINTS * (deadline.until - now))
-    with progress.step(study.name, len(points)) as step:
-        taken: dict[str, float] = {}
+        reference, problem = None, "no point was run"
+        if done:
+            with self.progress.step(f"{study.name}: reference") as step:
+                try:
+                    reference = study.find_reference(deadline, better, step)
+                except GranphonError as error:
+                    problem = f"there is no reference: {error}"
+        measured, nothing, known = list[MeasuredPoint](), np.zeros(0), {one.point: one for one in done}
         for point in points:
-            try:
-                # a knob that is turned further takes longer
-                done.append(_time(point, runs, halfway, max(point.seconds, taken.get(point.method, 0.0))))
-                taken[point.method] = statistics.median(done[-1].seconds)
-            except _BudgetError as error:
-                failures[point], taken[point.method] = str(error), math.inf
-            except GranphonError as error:
-                failures[point] = str(error)
-            step.advance()
-        _draw_more(done, halfway)
-
-    def better(reference: Reference) -> bool:
-        """Return whether the reference is good enough for every point."""
-        found = [(study.compute_errors(one.outcomes, reference), reference.errors) for one in done]
-        return all(np.max(e) >= BETTER * r.flat[int(np.argmax(e))] for e, r in found)
-
-    reference, problem = None, "no point was run"
-    if done:
-        with progress.step(f"{study.name}: reference") as step:
-            try:
-                reference = study.find_reference(deadline, better, step)
-                references[study.name] = reference.made
-            except GranphonError as error:
-                problem = f"there is no reference: {error}"
-    measured = []
-    nothing = np.zeros(0)
-    known = {one.point: one for one in done}
-    for point in points:
-        one = known.get(point)
-        if one is None:
-            why = failures.get(point, problem)
-            measured.append(MeasuredPoint(study.name, point.method, point.knob, nothing, nothing, failure=why))
-            continue
-        errors, known_errors, stderrs, floor = nothing, nothing, nothing, 0.0
-        if reference is not None:
-            errors, floor = study.compute_errors(one.outcomes, reference), study.find_floor(point, one.outcomes)
-            known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
-            stderrs = np.zeros_like(errors)
-            if point.random:
-                squares = np.array([study.compute_errors([outcome], reference) ** 2 for outcome in one.outcomes])
-                stderrs = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
-        low, middle, high = statistics.quantiles(one.seconds, n=4)
-        measured.append(MeasuredPoint(
-            study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
-            statistics.median(one.setups), one.memory, floor, point.random,
-            "" if reference is not None else problem, stderrs, len(one.outcomes),
-        ))  # fmt: skip
-    return measured
+            if (ran := known.get(point)) is None:
+                why = failures.get(point, problem)
+                measured.append(MeasuredPoint(study.name, point.method, point.knob, nothing, nothing, failure=why))
+                continue
+            errors, known_errors, stderrs, floor = nothing, nothing, nothing, 0.0
+            if reference is not None:
+                errors, floor = study.compute_errors(ran.outcomes, reference), study.find_floor(point, ran.outcomes)
+                known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
+                stderrs = np.zeros_like(errors)
+                if point.random:
+                    squares = np.array([study.compute_errors([outcome], reference) ** 2 for outcome in ran.outcomes])
+                    stderrs = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
+            low, middle, high = statistics.quantiles(ran.seconds, n=4)
+            measured.append(MeasuredPoint(
+                study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
+                statistics.median(ran.setups), ran.memory, floor, point.random,
+                "" if reference is not None else problem, stderrs, len(ran.outcomes),
+            ))  # fmt: skip
+        texts, made = [json.dumps(point.to_dict()) for point in measured], [reference.made] if reference else []
+        return {"points": np.array(texts, str), "made": np.array(made, str), "seconds": np.array(now() - start)}
 
 
 class _BudgetError(GranphonError):
     """The time left is too short to run a point."""
-
-
-def _draw_more(done: Sequence[_Runs], deadline: Deadline) -> None:
-    """Run random points more often, untimed, in half of the time to the deadline: few runs do not tell their rms error."""
-    now, random = deadline.stopwatch.now, [one for one in done if one.point.random]
-    until = now() + 0.5 * deadline.left
-    for place, one in enumerate(random):
-        long = statistics.median(one.seconds) + statistics.median(one.setups)
-        end = now() + (until - now()) / (len(random) - place)
-        while len(one.outcomes) < _MOST_DRAWS and now() + _MARGIN * long < end:
-            one.outcomes.append(one.point.solve(one.point.prepare(len(one.outcomes) + 1)))
 
 
 def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveM
 from granphon.media.simulation import DirectSimulation
 from granphon.tradeoffs.disorder import Disorder
 from granphon.tradeoffs.ensemble import QUANTITIES, Moments
-from granphon.tradeoffs.study import EPSILON, SECONDS, Deadline, Point, Reference, Stopwatch, Study
+from granphon.tradeoffs.study import EPSILON, SECONDS, Deadline, Point, Reference, Stopwatch
 
 Array = NDArray[np.float64]
 #: first seed of the reference's samples, far from the seeds of the points
@@ -48,14 +48,14 @@ _SAMPLES_BETWEEN_LOOKS = 8
 
 
 @dataclass(frozen=True)
-class MediaStudy(Study):
+class MediaStudy:
     """The media against the simulated array, at rest without friction or loaded with friction.
 
     ``sides`` and ``counts``: sides, in diameters, of the samples of a simulation, and how many samples it has;
     ``reference_side``: side of the reference's samples. By default sides are those for the dimension of the lattice.
     """
 
-    name = "media"
+    name: ClassVar[str] = "media"
 
     disorder: Disorder
     sides: tuple[int, ...] = ()
@@ -129,15 +129,20 @@ class MediaStudy(Study):
         return sorted(found, key=lambda point: point.seconds)
 
     def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
-        """Simulate samples until the reference is good enough or the time is up.
+        """Simulate samples until ``better`` accepts the reference or the time is up.
 
         Equilibrium and response of one smaller sample are solved by a sparse LU too, as a check; or, if samples are loaded
-        with friction, in shorter steps.
+        with friction, in shorter steps. Raises :class:`~granphon.base.errors.GranphonError` if there is no time for it.
         """
         disorder = self.disorder
         moments = Moments(disorder.packing, disorder.load, self.reference_shape, _REFERENCE_SEED, disorder.truth)
         begun = deadline.stopwatch.now()
-        self._require_time(deadline)
+        simulation = DirectSimulation(disorder.packing, self.reference_shape, _REFERENCE_SEED, **disorder.truth.options)
+        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
+        if least > deadline.left:
+            raise GranphonError(
+                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {write_duration(least)}."
+            )
         apart = self.compare_steps() if disorder.truth.is_loaded else self.compare_solvers(deadline)
         longest, count = 0.0, 0
         while deadline.left > 1.5 * longest:
@@ -175,16 +180,6 @@ class MediaStudy(Study):
         ratio = disorder.observe(own) / disorder.observe(fine)
         return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
-    def _require_time(self, deadline: Deadline) -> None:
-        """Raise :class:`~granphon.base.errors.GranphonError` if there is no time for the samples of the reference."""
-        disorder = self.disorder
-        simulation = DirectSimulation(disorder.packing, self.reference_shape, _REFERENCE_SEED, **disorder.truth.options)
-        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
-        if least > deadline.left:
-            raise GranphonError(
-                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {write_duration(least)}."
-            )
-
     def compare_solvers(self, deadline: Deadline) -> Array:
         """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU.
 
@@ -208,7 +203,7 @@ class MediaStudy(Study):
         return np.asarray(np.sqrt(np.mean([(outcome / reference.values - 1.0) ** 2 for outcome in outcomes], axis=0)))
 
     def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """Return the least relative error that the point can have."""
+        """Return the least error that the point can have: condition number times rounding, or the scatter of random runs."""
         if not point.random:
             return EPSILON * self.disorder.condition
         return float(np.max(np.std(outcomes, axis=0, ddof=1) / np.mean(outcomes, axis=0)))
@@ -226,17 +221,9 @@ def choose_study(
     if not packing.width:
         why = "All media are exact for them, and equally fast"
         raise InputError(message("equal balls leave nothing to compare", why, "Give the packing a spread"))
-    _require_reference(packing, finite_overlap, truth)
-    spectra = bool({"bands", "dos"} & set(observe))
-    asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
-    quantities = tuple(name for name in QUANTITIES if asked[name])
-    return MediaStudy(Disorder(packing, load, quantities, stopwatch, truth))
-
-
-def _require_reference(packing: Packing, finite_overlap: bool, truth: FrictionHistory) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if balls that differ have no simulated array to judge the media by."""
+    # balls that differ need a simulated array by which media are judged
     structure = packing.structure
-    where, mend = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out"
+    where, mend, why = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out", ""
     if finite_overlap:
         where, mend = "with finite overlap", "Leave finite_overlap out, or the spread"
         why = "Their reference is the simulated array, which has the paper's limit only"
@@ -246,13 +233,16 @@ def _require_reference(packing: Packing, finite_overlap: bool, truth: FrictionHi
         try:
             DirectSimulation(packing, (1,) * structure.periods, **truth.options)
         except GranphonError as error:
-            raise InputError(
-                message(f"media are not compared {where}", f"Their reference is the simulated array: {error}")
-            ) from None
-        if structure.periods == 3 or ideal_lattice(packing).is_isotropic:
-            return
-        why = "In the plane velocities are compared where sound is isotropic"
-    raise InputError(message(f"media are not compared {where}", why, mend))
+            told = f"Their reference is the simulated array: {error}"
+            raise InputError(message(f"media are not compared {where}", told)) from None
+        if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
+            why = "In the plane velocities are compared where sound is isotropic"
+    if why:
+        raise InputError(message(f"media are not compared {where}", why, mend))
+    spectra = bool({"bands", "dos"} & set(observe))
+    asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
+    quantities = tuple(name for name in QUANTITIES if asked[name])
+    return MediaStudy(Disorder(packing, load, quantities, stopwatch, truth))
 
 
 def _write_shape(shape: Sequence[int]) -> str:

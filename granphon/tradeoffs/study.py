@@ -7,16 +7,14 @@ what another algorithm finds, and the error of a point is its distance from the 
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import GranphonError
-from granphon.base.progress import Step
 from granphon.media.cost import Cost
 
 Array = NDArray[np.float64]
@@ -89,38 +87,3 @@ class Reference(NamedTuple):
     values: Any
     errors: Array
     made: str
-
-
-class Study(ABC):
-    """One question of speed against accuracy; errors are relative, of shape (n_loads, n_observed)."""
-
-    name: ClassVar[str]
-
-    @property
-    @abstractmethod
-    def observed(self) -> tuple[str, ...]:
-        """Names of the quantities whose errors are measured."""
-
-    @property
-    @abstractmethod
-    def loads(self) -> tuple[float, ...]:
-        """Loads at which errors are measured, SI."""
-
-    @abstractmethod
-    def make_points(self) -> list[Point]:
-        """Return the points: for each method, the cheapest setting of its knob first."""
-
-    @abstractmethod
-    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
-        """Find the reference before the deadline, and stop improving it once ``better`` accepts it.
-
-        Raises :class:`~granphon.base.errors.GranphonError` if it cannot be found.
-        """
-
-    @abstractmethod
-    def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
-        """Return the errors of a point from the outcomes of its runs: their rms if the runs are random."""
-
-    @abstractmethod
-    def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """Return the least error that the point can have: condition number times rounding, or the scatter of random runs."""

@@ -159,7 +159,24 @@ class Route:
             course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
         course.require_period(farthest, "The pulse would meet itself")
         course = course.with_ends(wanted.ends)
-        sources, start = _find_source(course, wanted.source)
+        # the balls that are pushed, and the place from which distances count
+        source, moving = wanted.source, course.network.moving
+        if isinstance(source, str):
+            if source not in ("plane", "ball"):
+                raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
+            # the first balls behind the beginning; the last ones of the period before may be as near to it
+            plane = course.find_plane(float(np.min(course.places[moving])), "source")
+            sources = plane if source == "plane" else plane[:1]
+        else:
+            balls, count = finite_array("source", source).ravel(), course.network.n_balls
+            whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
+            if not whole or len(set(balls)) < balls.size:
+                raise InputError(message(f"source is {brief(source)}", f"Balls have the indices 0 to {count - 1}"))
+            sources = balls.astype(int)
+            if still := [int(one) for one in sources if not moving[one]]:
+                raise InputError(message(f"ball {still[0]} of the source does not move", "Its mass is infinite"))
+        at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
+        start = course.face if at_face else course.find_place(sources)
         groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
         if np.isin(groups[0], sources).any():
             what = f"the distance of {length:.6g} m leads to the plane of the source itself"
@@ -303,25 +320,6 @@ def _read_vector(name: str, given: Any, dimension: int) -> Array:
         raise InputError(message(f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"))
     vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
     return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _find_source(course: Course, source: Any) -> tuple[Index, float]:
-    """Return the indices of the balls that are pushed, and the place from which distances count, m."""
-    if isinstance(source, str):
-        if source not in ("plane", "ball"):
-            raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
-        # the first balls behind the beginning; the last ones of the period before may be as near to it
-        plane = course.find_plane(float(np.min(course.places[course.network.moving])), "source")
-        found = plane if source == "plane" else plane[:1]
-        at_face = source == "plane" and not math.isnan(course.face)
-        return found, course.face if at_face else course.find_place(found)
-    balls, count = finite_array("source", source).ravel(), course.network.n_balls
-    if np.any(balls != np.rint(balls)) or np.any(balls < 0) or np.any(balls >= count) or len(set(balls)) < balls.size:
-        raise InputError(message(f"source is {brief(source)}", f"Balls have the indices 0 to {count - 1}"))
-    found = balls.astype(int)
-    if still := [int(one) for one in found if not course.network.moving[one]]:
-        raise InputError(message(f"ball {still[0]} of the source does not move", "Its mass is infinite"))
-    return found, course.find_place(found)
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:

@@ -363,25 +363,48 @@ def text(data: Mapping[str, Any]) -> str:
 
 # -- held back ------------------------------------------------------------------------------------------------------------
 
+#: name of a simulation that was loaded with friction
+LOADED = "simulation, loaded with friction"
 TOLERANCES = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 
 
 class Trial(NamedTuple):
-    """What ``auto`` chose in one case, what it promised, what came out; ``medium`` "" if there was none, or too large."""
+    """What ``auto`` took in one case, what it promised, and what came out."""
 
-    lattice: str
-    distribution: str
-    force: float
-    mindlin_ratio: float
-    kind: str
-    tolerance: float
     medium: str
-    promised: float = 0.0
-    realised: float = 0.0
+    promised: float
+    realised: float
+    tolerance: float
+    distribution: str = ""
 
     @property
     def kept(self) -> bool:
         return self.realised <= self.promised
+
+
+def try_tolerances(truth: ReferenceModel, balls: gp.Packing, right: Array, side: int, **options: Any) -> Iterator[Trial]:
+    """Try what ``auto`` with these options takes at each load of a truth, whose numbers are ``right``, for each tolerance.
+
+    A simulation with a larger side than ``side`` diameters is left out: the truth has not enough more balls to judge it.
+    """
+    largest = even_shape(balls.structure, side)[0]
+    for kind in ("force", "overlap"):
+        given, tried = load_of(kind, truth, balls), {}
+        for index, tolerance in itertools.product(range(len(given)), TOLERANCES):
+            try:
+                (serving,) = gp.AutoMedium(balls, tolerance, **options).choose(kind, given[index])
+            except gp.GranphonError:
+                continue
+            medium = serving.medium.of(balls)
+            if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest:
+                continue
+            # one medium serves several tolerances
+            if (index, serving.medium) not in tried:
+                found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
+                tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
+            loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
+            name = LOADED if loaded else serving.medium.name
+            yield Trial(name, float(serving.errors[0]), tried[index, serving.medium], tolerance)
 
 
 def trials(
@@ -391,53 +414,40 @@ def trials(
 
     Truths are ``samples`` samples with sides of ``side`` diameters.
     """
-    draw = np.random.default_rng(seed)
-    shape, largest = (even_shape(find_lattice(lattice), one) for one in (side, SCOPES[lattice].largest))
-    for label, spread in ((label, other_shapes()[label]) for label in spreads):
-        forces = np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
+    draw, shape = np.random.default_rng(seed), even_shape(find_lattice(lattice), side)
+    for label in spreads:
+        spread, forces = other_shapes()[label], np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
         truth = ReferenceModel(lattice, spread, forces, shape, 20_000, samples, geometry="exact")
         for ratio in (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist()):
-            balls = packing(spread, ratio, lattice)
-            right = numbers(truth.state_of(ratio))
-            for kind in ("force", "overlap"):
-                given, tried = load_of(kind, truth, balls), {}
-                for index, tolerance in itertools.product(range(loads), TOLERANCES):
-                    case = lattice, label, float(truth.forces[index]), balls.mindlin_ratio, kind, tolerance
-                    try:
-                        (serving,) = gp.AutoMedium(balls, tolerance).choose(kind, given[index])
-                    except gp.GranphonError:
-                        yield Trial(*case, "")
-                        continue
-                    medium = serving.medium.of(balls)
-                    if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
-                        yield Trial(*case, "")
-                        continue
-                    # one medium serves several tolerances
-                    if (index, serving.medium) not in tried:
-                        found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
-                        tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
-                    yield Trial(*case, serving.medium.name, float(serving.errors[0]), tried[index, serving.medium])
+            balls, right = packing(spread, ratio, lattice), numbers(truth.state_of(ratio))
+            for one in try_tolerances(truth, balls, right, SCOPES[lattice].largest):
+                yield one._replace(distribution=label)
 
 
-def held_back(lattice: str, side: int, samples: int) -> None:
+def show_kept(lattice: str, trials: Iterable[Trial]) -> None:
     """Print how often the promise was kept."""
-    scope = SCOPES[lattice]
-    found = [one for one in trials(lattice, 1, side, samples, scope.loads, scope.ratios, scope.held_back) if one.medium]
+    found = list(trials)
     print(
         f"| chosen ({lattice}) | cases | error within the expected one | median of error over expected |\n|---|---|---|---|"
     )
-    for medium in (*MEDIA, "simulation", None):
+    for medium in (*MEDIA, "simulation", LOADED, None):
         some = [one for one in found if medium in (None, one.medium)]
         if some:
             kept, ratio = np.mean([one.kept for one in some]), np.median([one.realised / one.promised for one in some])
             print(f"| {medium or 'all'} | {len(some)} | {100.0 * kept:.1f} % | {ratio:.2g} |")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="What the media are worth")
+def make_parser(description: str, lattices: Iterable[str]) -> argparse.ArgumentParser:
+    """The options that this script and that of arrays loaded with friction have."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--write", action="store_true", help="write the table into the package")
     parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
-    parser.add_argument("--lattice", choices=tuple(SCOPES), help="one lattice alone")
+    parser.add_argument("--lattice", choices=tuple(lattices), help="one lattice alone")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = make_parser("What the media are worth", SCOPES)
     parser.add_argument("--side", type=int, help="diameters along a side of a sample")
     parser.add_argument("--samples", type=int, help="samples of each distribution")
     options = parser.parse_args(argv)
@@ -452,7 +462,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             else:
                 print(text({lattice: made}))
         side, samples = options.side or scope.true_side, options.samples or scope.true_samples
-        held_back(lattice, side, samples)
+        show_kept(lattice, trials(lattice, 1, side, samples, scope.loads, scope.ratios, scope.held_back))
     return 0
 
 

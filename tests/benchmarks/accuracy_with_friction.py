@@ -14,7 +14,6 @@ folder, to go on from there.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import pickle
@@ -30,19 +29,22 @@ from accuracy import (
     DIAMETER,
     FAMILIES,
     MEDIA,
-    TOLERANCES,
     WIDTH,
     ReferenceModel,
+    Trial,
     errors_of,
     falling,
     load_of,
+    make_parser,
     numbers,
     other_shapes,
     packing,
     shapes,
+    show_kept,
     squares,
     text,
     three_digits,
+    try_tolerances,
     unit,
 )
 from numpy.typing import NDArray
@@ -253,14 +255,6 @@ def table(lattice: str, found: Mapping[str, list[tuple[Key, Array, Array]]]) -> 
 # -- held back ------------------------------------------------------------------------------------------------------------
 
 
-class Trial(NamedTuple):
-    """What ``auto`` took in one case, what it promised, and what came out; the medium is "loaded" for the truth's own."""
-
-    medium: str
-    promised: float
-    realised: float
-
-
 def trials(lattice: str, seed: int, samples: int, loads: int, spreads: Sequence[str]) -> Iterator[Trial]:
     """Random Poisson ratios, friction coefficients, responses and loads, for each of the distributions that were held back.
 
@@ -277,51 +271,12 @@ def trials(lattice: str, seed: int, samples: int, loads: int, spreads: Sequence[
             truth = LoadedReference(lattice, spread, ratio, mu, forces, shape, 20_000, samples)
             for response in scope.responses:
                 truth.respond(response)
-                yield from try_tolerances(truth, numbers(truth.state), mu, response)
-
-
-def try_tolerances(truth: LoadedReference, right: Array, mu: float, response: str) -> Iterator[Trial]:
-    """Try what ``auto`` takes at each load of a truth, whose numbers are ``right``, for each tolerance."""
-    balls, largest = truth.balls, even_shape(find_lattice(truth.lattice), SCOPES[truth.lattice].largest)
-    options = {"friction_history": True, "friction_coefficient": mu, "shear_response": response}
-    for kind in ("force", "overlap"):
-        given, tried = load_of(kind, truth, balls), {}
-        for tolerance in TOLERANCES:
-            for index in range(len(given)):
-                try:
-                    (serving,) = gp.AutoMedium(balls, tolerance, **options).choose(kind, given[index])
-                except gp.GranphonError:
-                    continue
-                medium = serving.medium.of(balls)
-                if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
-                    continue  # the truth has not enough more balls to judge it
-                if (index, serving.medium) not in tried:
-                    found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
-                    tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
-                loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
-                name = "simulation, loaded with friction" if loaded else serving.medium.name
-                yield Trial(name, float(serving.errors[0]), tried[index, serving.medium])
-
-
-def held_back(lattice: str, loads: int = 4) -> None:
-    """Print how often the promise was kept."""
-    found = list(trials(lattice, 1, SCOPES[lattice].true_samples, loads, HELD_BACK))
-    print(
-        f"| chosen ({lattice}) | cases | error within the expected one | median of error over expected |\n|---|---|---|---|"
-    )
-    for medium in (*MEDIA, "simulation", "simulation, loaded with friction", None):
-        some = [one for one in found if medium in (None, one.medium)]
-        if some:
-            kept = np.mean([one.realised <= one.promised for one in some])
-            ratio = np.median([one.realised / one.promised for one in some])
-            print(f"| {medium or 'all'} | {len(some)} | {100.0 * kept:.1f} % | {ratio:.2g} |")
+                options = {"friction_history": True, "friction_coefficient": mu, "shear_response": response}
+                yield from try_tolerances(truth, truth.balls, numbers(truth.state), scope.largest, **options)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="What the media are worth against arrays loaded with friction")
-    parser.add_argument("--write", action="store_true", help="write the table into the package")
-    parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
-    parser.add_argument("--lattice", choices=tuple(SCOPES), help="one lattice alone")
+    parser = make_parser("What the media are worth against arrays loaded with friction", SCOPES)
     parser.add_argument("--keep", type=Path, help="folder to keep what was measured of each distribution")
     options = parser.parse_args(argv)
     data = json.loads(DATA.read_text(encoding="utf-8"))
@@ -333,7 +288,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 DATA.write_text(text(data), encoding="utf-8")
             else:
                 print(text({"loaded": {lattice: made}}))
-        held_back(lattice)
+        show_kept(lattice, trials(lattice, 1, SCOPES[lattice].true_samples, 4, HELD_BACK))
     return 0
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator, cg
-from side_by_side import Part, Row, alternate, command_line, run_alone, spend
+from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
@@ -98,11 +98,10 @@ def against(repeats: int) -> list[Row]:
             repeats, granphon=lambda s=spacing: rest(32, s, stencils), plain=lambda s=spacing: plain.forces(s - 0.5),
             tuned=lambda s=spacing: tuned.forces(s - 0.5),
         )  # fmt: skip
-        note = f"{seconds['granphon']:.3g} s against {seconds['plain']:.3g} s"
         what = f"fcc, 32^3, a* = {spacing:g}, to 1e-10: times faster than Newton's method with scipy's conjugate gradients"
-        rows.append(Row(what, seconds["plain"] / seconds["granphon"], "", bound, least=True, note=note))
+        rows.append(over(what, seconds, "plain", "granphon", bound, least=True))
         what = f"fcc, 32^3, a* = {spacing:g}: the same, with linear equations no more accurate than each step needs"
-        rows.append(Row(what, seconds["tuned"] / seconds["granphon"], note=f"against {seconds['tuned']:.3g} s"))
+        rows.append(over(what, seconds, "tuned", "granphon"))
     return rows
 
 

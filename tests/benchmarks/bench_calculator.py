@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, over
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -50,8 +50,7 @@ def neighbours(repeats: int) -> list[Row]:
         seconds = alternate(repeats, kept=kept, ase=partial(neighbor_list, "ijDS", sheet, 1.25))
         what = f"{SIDE * SIDE} balls {'with' if friction else 'without'} friction, a step that moves all of them"
         rows.append(
-            Row(f"{what}: times faster than ASE's neighbour list alone", seconds["ase"] / seconds["kept"], "", 10.0, True,
-                against(seconds, "kept", "ase"))
+            over(f"{what}: times faster than ASE's neighbour list alone", seconds, "ase", "kept", 10.0, least=True)
         )  # fmt: skip
     return rows
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line, run_alone, spend
+from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
 
 Array = NDArray[np.float64]
 #: points on a segment of a path
@@ -151,10 +151,8 @@ def space(repeats: int) -> list[Row]:
         seconds = alternate(repeats, granphon=solve, numpy=typed, phonopy=run, bands=bands)
         points = f"{name} ({lattice.n_branches} branches) along {path}, {len(q)} q points, velocities and polarisation"
         found += [
-            Row(f"modes of {points}: over batched numpy, D(q) typed", seconds["granphon"] / seconds["numpy"], "", 3.0,
-                note=against(seconds, "granphon", "numpy")),
-            Row(f"`Phonons.bands` of {points}: over bare phonopy, two atoms a ball", seconds["bands"] / seconds["phonopy"],
-                "", 0.5, note=against(seconds, "bands", "phonopy")),
+            over(f"modes of {points}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 3.0),
+            over(f"`Phonons.bands` of {points}: over bare phonopy, two atoms a ball", seconds, "bands", "phonopy", 0.5),
         ]  # fmt: skip
     return found + densities(repeats)
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, over
 
 import granphon as gp
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
@@ -79,8 +79,8 @@ def curves(repeats: int) -> list[Row]:
             "granphon": lambda shape=shape: cold(shape), "radau": lambda shape=shape: plain(shape),
         }  # fmt: skip
         seconds = alternate(repeats, **calls)
-        what, ratio = f"the curve f*(a*), nothing kept, {name}: over scipy's Radau", seconds["granphon"] / seconds["radau"]
-        rows.append(Row(what, ratio, "", 0.2, note=against(seconds, "granphon", "radau")))
+        what = f"the curve f*(a*), nothing kept, {name}: over scipy's Radau"
+        rows.append(over(what, seconds, "granphon", "radau", 0.2))
     return rows
 
 
@@ -94,7 +94,7 @@ def lots(repeats: int) -> list[Row]:
         }  # fmt: skip
         seconds = alternate(repeats, **calls)
         what = f"the curve of {n} balls, each diameter another: over that of the uniform spread"
-        rows.append(Row(what, seconds["lot"] / seconds["uniform"], "", bound, note=against(seconds, "lot", "uniform")))
+        rows.append(over(what, seconds, "lot", "uniform", bound))
     return rows
 
 
@@ -120,9 +120,8 @@ def loads(repeats: int) -> list[Row]:
     )
     what = "200,000 loads, f* = 1e-3 to 1e3, the curve known: over one evaluation of the averaged force"
     return [
-        Row(what, seconds["granphon"] / seconds["averaged"], "", 2.0, note=against(seconds, "granphon", "averaged")),
-        Row(f"{what}, as printed powers", seconds["granphon"] / seconds["printed"], "", 10.0,
-            note=against(seconds, "granphon", "printed")),
+        over(what, seconds, "granphon", "averaged", 2.0),
+        over(f"{what}, as printed powers", seconds, "granphon", "printed", 10.0),
     ]  # fmt: skip
 
 

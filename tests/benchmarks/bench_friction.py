@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, over
 
 STEPS = 40
 ETA = 0.82
@@ -73,28 +72,16 @@ def paths(repeats: int) -> list[Row]:
         what = f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over the same without friction"
         rows += [
             # equilibria without friction take 0.6 of the time for which the bound was three
-            Row(what, seconds["path"] / seconds["sweep"], "", 5.0, note=against(seconds, "path", "sweep")),
-            Row(f"the same, mu = {mu:g}: over the mean equilibrium without friction at its loads",
-                STEPS * seconds["path"] / seconds["rests"], "", 40.0, note=against(seconds, "path", "rests")),
-            Row(f"the same, mu = {mu:g}: over one equilibrium without friction at a* = 1",
-                seconds["path"] / seconds["rest"], note=against(seconds, "path", "rest")),
+            over(what, seconds, "path", "sweep", 5.0),
+            over(f"the same, mu = {mu:g}: over the mean equilibrium without friction at its loads",
+                seconds, "path", "rests", 40.0, times=STEPS),
+            over(f"the same, mu = {mu:g}: over one equilibrium without friction at a* = 1", seconds, "path", "rest"),
         ]  # fmt: skip
-    rows.append(Row("path without friction: over one equilibrium at a* = 1", seconds["sweep"] / seconds["rest"]))
+    rows.append(over("path without friction: over one equilibrium at a* = 1", seconds, "sweep", "rest"))
     return rows
 
 
-def large(repeats: int) -> list[Row]:
-    """256 x 256 balls, once, in seconds of the processor: of other work on the machine it knows less than a clock."""
-    x = draw(256)
-    rows = []
-    for mu in (math.inf, 0.5):
-        start = time.process_time()
-        press(x, mu)
-        rows.append(Row(f"the same of 256 x 256 balls, mu = {mu:g}", time.process_time() - start, "s", 120.0))
-    return rows
-
-
-PARTS: dict[str, Part] = {"paths": paths, "large": large}
+PARTS: dict[str, Part] = {"paths": paths}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the loading with friction", PARTS))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line
+from side_by_side import Part, Row, alternate, command_line, over
 
 #: points on a segment where what does not depend on their number matters little
 MANY = 2001
@@ -187,24 +187,18 @@ def bands(repeats: int) -> list[Row]:
     )
     what, points = "bands along Γ-K-M-Γ with eigenvectors and group velocities", "303 q points"
     return [
-        Row(f"{what}, {points}: over bare phonopy", seconds["granphon"] / seconds["phonopy"], "", 0.5,
-            note=against(seconds, "granphon", "phonopy")),
-        Row(f"{what}, {points}: over batched numpy, D(q) typed", seconds["granphon"] / seconds["numpy"], "", 25.0,
-            note=against(seconds, "granphon", "numpy")),
-        Row(f"{what}, {3 * MANY} q points: over batched numpy, D(q) typed",
-            seconds["granphon_many"] / seconds["numpy_many"], "", 6.0,
-            note=against(seconds, "granphon_many", "numpy_many")),
-        Row(f"modes of C(q) alone, {points}: over batched numpy, D(q) typed", seconds["modes"] / seconds["numpy"], "", 6.0,
-            note=against(seconds, "modes", "numpy")),
-        Row(f"modes of kagome (nine branches), {points}: over numpy's SVD of the same C(q) alone",
-            seconds["kagome"] / seconds["lapack"], "", 5.0, note=against(seconds, "kagome", "lapack")),
-        Row(f"modes of kagome, {points}: plane rotations at all of them over granphon",
-            seconds["rotated"] / seconds["kagome"], "", 5.0, True, against(seconds, "rotated", "kagome")),
-        Row(f"frequencies of kagome, {points}: plane rotations at all of them over granphon",
-            seconds["rotated_frequencies"] / seconds["frequencies"], "", 5.0, True,
-            against(seconds, "rotated_frequencies", "frequencies")),
-        Row(f"bands of kagome, {points}: modes by plane rotations alone over `Phonons.bands`",
-            seconds["rotated"] / seconds["kagome_bands"], "", 3.0, True, against(seconds, "rotated", "kagome_bands")),
+        over(f"{what}, {points}: over bare phonopy", seconds, "granphon", "phonopy", 0.5),
+        over(f"{what}, {points}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 25.0),
+        over(f"{what}, {3 * MANY} q points: over batched numpy, D(q) typed", seconds, "granphon_many", "numpy_many", 6.0),
+        over(f"modes of C(q) alone, {points}: over batched numpy, D(q) typed", seconds, "modes", "numpy", 6.0),
+        over(f"modes of kagome (nine branches), {points}: over numpy's SVD of the same C(q) alone",
+            seconds, "kagome", "lapack", 5.0),
+        over(f"modes of kagome, {points}: plane rotations at all of them over granphon",
+            seconds, "rotated", "kagome", 5.0, least=True),
+        over(f"frequencies of kagome, {points}: plane rotations at all of them over granphon",
+            seconds, "rotated_frequencies", "frequencies", 5.0, least=True),
+        over(f"bands of kagome, {points}: modes by plane rotations alone over `Phonons.bands`",
+            seconds, "rotated", "kagome_bands", 3.0, least=True),
     ]  # fmt: skip
 
 
@@ -236,12 +230,9 @@ def command(repeats: int) -> list[Row]:
         )
     what = "`granphon run examples/steel_hexagon.yaml`, a process"
     return [
-        Row(f"{what}: over bare phonopy for the same", seconds["granphon"] / seconds["bare"], "", 2.0,
-            note=against(seconds, "granphon", "bare")),
-        Row(f"{what}: over the imports of phonopy and pyplot", seconds["granphon"] / seconds["imports"], "", 4.0,
-            note=against(seconds, "granphon", "imports")),
-        Row("the same with velocities alone: over its own imports", seconds["velocities"] / seconds["own"], "", 2.0,
-            note=against(seconds, "velocities", "own")),
+        over(f"{what}: over bare phonopy for the same", seconds, "granphon", "bare", 2.0),
+        over(f"{what}: over the imports of phonopy and pyplot", seconds, "granphon", "imports", 4.0),
+        over("the same with velocities alone: over its own imports", seconds, "velocities", "own", 2.0),
         *imports(repeats),
     ]  # fmt: skip
 
@@ -256,8 +247,7 @@ def imports(repeats: int) -> list[Row]:
         others=lambda: subprocess.run([sys.executable, "-c", "import numpy, ase"], check=True),
     )
     return [
-        Row("`import granphon`, a process: over the imports of numpy and ASE", seconds["granphon"] / seconds["others"], "",
-            0.5, note=against(seconds, "granphon", "others")),
+        over("`import granphon`, a process: over the imports of numpy and ASE", seconds, "granphon", "others", 0.5),
         Row("`import granphon`: modules that it loads", float(loaded.stdout), "", 12.0),
     ]  # fmt: skip
 
@@ -281,8 +271,7 @@ def directions(repeats: int) -> list[Row]:
             each=lambda find=find: [find(way) for way in along],  # type: ignore[misc]
         )
         found.append(
-            Row(f"{name} in 543 directions: a call for each over one call", seconds["each"] / seconds["at_once"], "", 20.0,
-                True, against(seconds, "each", "at_once"))
+            over(f"{name} in 543 directions: a call for each over one call", seconds, "each", "at_once", 20.0, least=True)
         )  # fmt: skip
     return found
 

@@ -17,7 +17,7 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, run_alone, spend
+from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
 
 import granphon as gp
 from granphon.array import equilibrium as module
@@ -68,9 +68,8 @@ def direct(repeats: int) -> list[Row]:
             "granphon": lambda load=load: equilibrate(x, load, stencils), "lu": lambda load=load: other.forces(load.overlap),
         }  # fmt: skip
         seconds = alternate(repeats, **calls)
-        note = f"{seconds['granphon']:.3g} s against {seconds['lu']:.3g} s"
         what = f"128x128, a* = {spacing:g}, to 1e-10: times faster than Newton's method with sparse LU"
-        rows.append(Row(what, seconds["lu"] / seconds["granphon"], "", bound, least=True, note=note))
+        rows.append(over(what, seconds, "lu", "granphon", bound, least=True))
     return rows
 
 
@@ -189,10 +188,9 @@ def near_threshold(repeats: int) -> list[Row]:
         took = f"{ours.newton} steps, {ours.conjugate} iterations against {theirs.newton}, {theirs.conjugate}"
         for what, pair in calls.items():
             seconds = alternate(min(repeats, 3), **pair)
-            note = f"{seconds['now']:.3g} s against {seconds['before']:.3g} s"
-            note = f"{took}, {note}" if what == "equilibrium" else note
             of = f"{length}x{length}, a* = {THRESHOLD + 0.02:g}: {what}, times faster than with Green's function only"
-            rows.append(Row(of, seconds["before"] / seconds["now"], "", bound, least=True, note=note))
+            row = over(of, seconds, "before", "now", bound, least=True)
+            rows.append(row._replace(note=f"{took}, {row.note}") if what == "equilibrium" else row)
     return rows
 
 

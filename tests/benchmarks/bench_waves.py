@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, against, alternate, command_line, run_alone, spend
+from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
 
 Array = NDArray[np.float64]
 #: balls on a side of the array that rivals take too, and of the largest one
@@ -80,15 +80,14 @@ def waves(repeats: int) -> list[Row]:
     seconds = alternate(repeats, **calls)
     what = f"{SIDE}x{SIDE} balls with rotations, springs that differ"
     found = [
-        Row(f"density of states in two parts, {what}, {MOMENTS} moments: over the same recursion by scipy's sparse product",
-            seconds["ours"] / seconds["scipy"], "", 1.0, note=against(seconds, "ours", "scipy")),
-        Row(f"D x, {what}: over scipy's sparse product of the same matrix", seconds["product"] / seconds["csr"], "", 1.0,
-            note=against(seconds, "product", "csr")),
+        over(f"density of states in two parts, {what}, {MOMENTS} moments: over the same recursion by scipy's sparse product",
+            seconds, "ours", "scipy", 1.0),
+        over(f"D x, {what}: over scipy's sparse product of the same matrix", seconds, "product", "csr", 1.0),
     ]  # fmt: skip
     if kpm is not None:
         found.append(
-            Row(f"density of states, its two parts, {what}, {MOMENTS} moments: over kwant's kpm, the total alone",
-                seconds["ours"] / seconds["kwant"], "", 1.0, note=against(seconds, "ours", "kwant"))
+            over(f"density of states, its two parts, {what}, {MOMENTS} moments: over kwant's kpm, the total alone",
+                seconds, "ours", "kwant", 1.0)
         )  # fmt: skip
     return [*found, *large_product(repeats), *large(repeats)]
 
@@ -99,7 +98,7 @@ def large_product(repeats: int) -> list[Row]:
     vector, _ = np.ones(ours.size), other.matrix
     seconds = alternate(repeats, product=lambda: ours @ vector, csr=lambda: other.matrix @ vector)
     what = f"D x, {LARGE}x{LARGE} balls with rotations, springs that differ: over scipy's sparse product of the same matrix"
-    return [Row(what, seconds["product"] / seconds["csr"], "", 1.0, note=against(seconds, "product", "csr"))]
+    return [over(what, seconds, "product", "csr", 1.0)]
 
 
 # -- a million balls, alone in a process --------------------------------------------------------------------------------

@@ -102,9 +102,30 @@ def run_alone(call: str) -> dict[str, Any]:
     return dict(json.loads(done.stdout))
 
 
-def against(seconds: Mapping[str, float], ours: str, other: str) -> str:
-    """The note of a ratio."""
-    return " against ".join(f"{1e3 * s:.3g} ms" if s < 1.0 else f"{s:.3g} s" for s in (seconds[ours], seconds[other]))
+def over(
+    what: str,
+    seconds: Mapping[str, float],
+    ours: str,
+    other: str,
+    bound: float = math.inf,
+    least: bool = False,
+    times: int = 1,
+) -> Row:
+    """The row of a ratio: ``times`` the time of one call over that of another."""
+    note = " against ".join(f"{1e3 * s:.3g} ms" if s < 1.0 else f"{s:.3g} s" for s in (seconds[ours], seconds[other]))
+    return Row(what, times * seconds[ours] / seconds[other], "", bound, least, note)
+
+
+def bracketed(value: float, error: float) -> str:
+    """A value with the standard error of its last digit, such as 0.3423(5)."""
+    places = max(0, -math.floor(math.log10(error)))
+    digit = round(error * 10.0**places)
+    return f"{value:.{places}f}({digit})" if digit < 10 else f"{value:.{places - 1}f}(1)"
+
+
+def measured(what: str, value: float, error: float, unit: str = "") -> Row:
+    """The row of a number with its standard error."""
+    return Row(what, float(value), unit, note=bracketed(float(value), float(error)))
 
 
 def machine() -> dict[str, Any]:

@@ -25,8 +25,8 @@ import numpy as np
 from accuracy import packing, shapes, unit
 from numpy.typing import NDArray
 from scipy.integrate import simpson
-from side_by_side import Part, Row, command_line
-from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
+from side_by_side import Part, Row, bracketed, command_line, measured
+from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
@@ -565,7 +565,7 @@ def widths(repeats: int) -> list[Row]:
         value, error = widths_of(mu)
         own = 1e6 * WIDTH / value
         rows += [
-            Row(f"width that the medium finds over the balls' own, {named(mu)}", value, note=bracketed(value, error)),
+            measured(f"width that the medium finds over the balls' own, {named(mu)}", value, error),
             Row(f"width of balls in which the medium finds {1e6 * WIDTH:g} um, {named(mu)}", own, "um",
                 note=bracketed(own, own * error / value)),
         ]  # fmt: skip
@@ -594,19 +594,15 @@ def energy(repeats: int) -> list[Row]:
 # -- figures ------------------------------------------------------------------------------------------------------------
 
 
+#: lines with error bars
+BARS = {"markersize": 3.5, "linewidth": 0.8, "elinewidth": 0.6, "capsize": 1.5}
+
+
 def draw_forces(figure: Figure) -> None:
     """What friction adds to the force, the hysteresis, tangential forces and sliding."""
     axes = figure.subplot_mosaic([["rise", "gap"], ["shear", "slide"]])
     for mu, colour, marker in LOOKS[1:]:
-        look: Any = {
-            "color": colour,
-            "marker": marker,
-            "markersize": 3.5,
-            "linewidth": 0.8,
-            "elinewidth": 0.6,
-            "capsize": 1.5,
-        }
-        look["label"] = label(mu)
+        look: Any = {"color": colour, "marker": marker, "label": label(mu), **BARS}
         for name, spacings, found in (
             ("rise", SPACINGS, rises(mu)), ("gap", BETWEEN, gaps(mu)),
             ("shear", SPACINGS, sliding_at(mu)[TANGENTIAL]), ("slide", SPACINGS, sliding_at(mu)[SLIDING]),
@@ -629,8 +625,7 @@ def draw_sound(figure: Figure) -> None:
     axes = figure.subplot_mosaic([["ratio", "v_L of the medium"], ["ratio", "v_T of the medium"]], sharex=True)
     for mu, colour, marker in LOOKS:
         for springs in ("stick", "slide") if mu in (0.1, 0.2) else ("stick",):
-            look: Any = {"color": colour, "marker": marker, "markersize": 3.5, "elinewidth": 0.6, "capsize": 1.5}
-            look |= {"linewidth": 0.8, "linestyle": "-" if springs == "stick" else ":"}
+            look: Any = {"color": colour, "marker": marker, "linestyle": "-" if springs == "stick" else ":", **BARS}
             if springs == "slide":
                 look["mfc"] = "white"
             found = sound(mu, springs)

@@ -14,8 +14,8 @@ import sys
 from functools import cache
 
 import numpy as np
-from side_by_side import Part, Row, command_line
-from study_simulation import DIAMETER, PACKINGS, STEEL, WIDTH, bracketed, judged, mean_and_error
+from side_by_side import Part, Row, bracketed, command_line, measured
+from study_simulation import DIAMETER, PACKINGS, STEEL, WIDTH, judged, mean_and_error
 
 import granphon as gp
 
@@ -72,7 +72,7 @@ def arrivals(repeats: int) -> list[Row]:
             if method == "envelope":
                 rows += judged(of, value[at], error[at], CLAIMED[at][0])
             else:
-                rows.append(Row(of, value[at], "m/s", note=bracketed(value[at], error[at])))
+                rows.append(measured(of, value[at], error[at], "m/s"))
             rows.append(Row(f"{of}, equal balls", alike[at], "m/s"))
     for force in SIDE_FORCE.tolist():
         every = [pulses(force, seed)[1] for seed in range(SAMPLES)]

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, command_line
+from side_by_side import Part, Row, bracketed, command_line, measured
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
@@ -66,18 +66,11 @@ def mean_and_error(values: Array) -> tuple[Array, Array]:
     return np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / math.sqrt(len(values))
 
 
-def bracketed(value: float, error: float) -> str:
-    """Such as 0.3423(5)."""
-    places = max(0, -math.floor(math.log10(error)))
-    digit = round(error * 10.0**places)
-    return f"{value:.{places}f}({digit})" if digit < 10 else f"{value:.{places - 1}f}(1)"
-
-
 def judged(what: str, value: float, error: float, claimed: float) -> list[Row]:
     """A number, and how far it is from what is claimed."""
     apart = abs(value - claimed) / error
     return [
-        Row(what, float(value), note=bracketed(float(value), float(error))),
+        measured(what, value, error),
         Row(f"{what}: distance from {claimed:g} in standard errors", float(apart), "", AGREE),
     ]
 
@@ -192,7 +185,7 @@ def ratios(state: SimulatedState, of: str) -> list[Row]:
     moduli = state.over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
     ratio = 2.0 / (1.0 + state.packing.mindlin_ratio) * moduli[..., 1] / moduli[..., 0]
     return [
-        Row(f"2G/(1 + η)K at f* = {f:.3g}, {of}", float(mean), note=bracketed(float(mean), float(error)))
+        measured(f"2G/(1 + η)K at f* = {f:.3g}, {of}", mean, error)
         for f, mean, error in zip(state.reduced_force, *mean_and_error(ratio.T), strict=True)
     ]
 
@@ -243,7 +236,7 @@ def deficits(repeats: int) -> list[Row]:
     for spacing in SPACINGS:
         limits = [at_rest(32, seed, [ReducedLoad(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)]
         force, chance = mean_and_error(np.array([limit.force for limit in limits]))
-        rows.append(Row(f"f* at a* = {spacing:g}", float(force), note=bracketed(float(force), float(chance))))
+        rows.append(measured(f"f* at a* = {spacing:g}", force, chance))
         found = np.array([left_out(limit) for limit in limits])
         mean, error = mean_and_error(100.0 * found)
         for kind, of in enumerate(ETAS):
@@ -256,7 +249,7 @@ def deficits(repeats: int) -> list[Row]:
         narrow, wide = found[:, 0, 1, 0], found[:, 0, 1, -2]
         power, chance = mean_and_error(np.log(wide / narrow) / math.log(WIDTHS[-2] / WIDTHS[0]))
         what = f"power of W/d of the part of G, a* = {spacing:g}, from {WIDTHS[0]:.3g} to {WIDTHS[-2]:.3g}"
-        rows.append(Row(what, float(power), note=bracketed(float(power), float(chance))))
+        rows.append(measured(what, power, chance))
     return rows
 
 
@@ -275,7 +268,7 @@ def exponents(repeats: int) -> list[Row]:
     rows = []
     for place, f in enumerate(EXPONENT_LOADS.tolist()):
         value, error = float(large.exponent[place]), float(large.exponent_error[place])
-        rows.append(Row(f"exponent at f* = {f:g}", value, note=bracketed(value, error)))
+        rows.append(measured(f"exponent at f* = {f:g}", value, error))
         samples, force = small[place].samples, np.array(small.force[place])
         found = [
             SimulatedState.of(small.law.simulation, samples[first : first + EACH], Load("force", force))

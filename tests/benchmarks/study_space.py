@@ -13,8 +13,8 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, command_line
-from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, bracketed, judged, mean_and_error
+from side_by_side import Part, Row, bracketed, command_line, measured
+from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, judged, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
@@ -73,10 +73,8 @@ def loads(repeats: int) -> list[Row]:
                 rows += judged(f"{of}: exponent", exponent, error, EXPONENTS[lattice][at][0])
                 rows += judged(f"{of}: G/K over that of equal balls", ratio[0][at], ratio[1][at], RATIOS[lattice][at][0])
             else:
-                rows.append(Row(f"{of}: exponent", exponent, note=bracketed(exponent, error)))
-                rows.append(
-                    Row(f"{of}: G/K over that of equal balls", ratio[0][at], note=bracketed(ratio[0][at], ratio[1][at]))
-                )
+                rows.append(measured(f"{of}: exponent", exponent, error))
+                rows.append(measured(f"{of}: G/K over that of equal balls", ratio[0][at], ratio[1][at]))
             found = contacts[0][at], max(contacts[1][at], 1e-9)
             rows.append(Row(f"{of}: part of the contacts that carries load", found[0], note=bracketed(*found)))
             found = float(medium[at]), float(medium_error[at])
@@ -107,12 +105,12 @@ def threshold(repeats: int) -> list[Row]:
             every = [at_no_load(lattice, shape, 1000 + seed) for seed in range(samples)]
             means, errors = mean_and_error(np.array([limit for limit, _ in every]))
             of = f"{name}, {samples} samples of {'x'.join(map(str, shape))}"
-            rows.append(Row(f"{of}: a* at no load", float(means[0]), note=bracketed(means[0], errors[0])))
-            rows.append(Row(f"{of}: contacts of a ball at no load", float(means[1]), note=bracketed(means[1], errors[1])))
+            rows.append(measured(f"{of}: a* at no load", means[0], errors[0]))
+            rows.append(measured(f"{of}: contacts of a ball at no load", means[1], errors[1]))
             low, low_error = mean_and_error(np.array([found[-1, 1] for _, found in every]))
             if shape[0] > LEAST_SIDE:
                 what = f"{of}: contacts of a ball at f* = {LOW_FORCES[-1]:g}"
-                rows.append(Row(what, float(low), note=bracketed(low, low_error)))
+                rows.append(measured(what, low, low_error))
                 large.append((1.0 / shape[0], means, errors))
         sides, means, errors = (np.array(part) for part in zip(*large, strict=True))
         for at, (what, claimed) in enumerate(zip(("a*", "contacts of a ball"), NO_LOAD[name], strict=True)):

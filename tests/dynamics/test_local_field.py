@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
 from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, Lattice, find_lattice
@@ -23,6 +22,7 @@ from granphon.dynamics.local_field import (
     local_field,
     paper_local_field,
 )
+from tests.dynamics.test_local_field_space import Supercell
 
 ROOT3 = np.sqrt(3.0)
 DIVISOR = 4.0 * np.pi - 3.0 * ROOT3
@@ -130,60 +130,24 @@ def test_bending_hinders_the_balls_from_turning():
 # -- third route: a finite cluster in real space ---------------------------------------------------------------------
 
 
-def cluster(structure: Lattice, size: int, clamped: bool):
-    """Places (n, 2) of size x size cells around the origin, and joined contacts (i, j, row of the table).
-
-    Periodic, or a cluster of all the balls within ``size``/2 hexagonal steps that ends at fixed balls.
-    """
-    table = structure.contacts
-    ticks = np.arange(size)
-    cells = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), -1).reshape(-1, 2)
-    index = np.arange(len(cells) * structure.n_balls).reshape(size, size, structure.n_balls)
-    i, j, row, inside = [], [], [], []
-    for c in range(len(table)):
-        target = cells + table.shift[c]
-        i.append(index[cells[:, 0], cells[:, 1], table.i[c]])
-        j.append(index[target[:, 0] % size, target[:, 1] % size, table.j[c]])
-        inside.append(np.all((target >= 0) & (target < size), axis=1))
-        row.append(np.full(len(cells), c))
-    keep = np.concatenate(inside) if clamped else slice(None)
-    return cells, np.concatenate(i)[keep], np.concatenate(j)[keep], np.concatenate(row)[keep]
-
-
 def by_cluster(structure: Lattice, eta: float, size: int, clamped: bool = False):
-    """Displacement of every ball under unit tension in the contacts of ball ``centre``, whose own dofs are held."""
-    table = structure.contacts
-    cells, i, j, row = cluster(structure, size, clamped)
-    n, m = structure.n_balls * len(cells), len(i)
-    centre = structure.n_balls * ((size // 2) * size + size // 2)
-    normal = table.normal[row]
-    tangent = normal @ [[0.0, 1.0], [-1.0, 0.0]]
-    contact = np.arange(m)
+    """Displacement of every ball of size x size cells under unit tension in the contacts of ball ``centre``, which is held.
 
-    def rows(axis, turn, stiffness):
-        data = np.concatenate([-axis.ravel(), axis.ravel(), np.full(2 * m, turn)]) * np.sqrt(stiffness)
-        columns = [3 * i[:, None] + [0, 1], 3 * j[:, None] + [0, 1], 3 * i + 2, 3 * j + 2]
-        where = (np.concatenate([np.repeat(contact, 2)] * 2 + [contact] * 2), np.concatenate([c.ravel() for c in columns]))
-        return csr_array((data, where), shape=(m, 3 * n))
-
-    elongation = rows(normal, 0.0, 1.0)
-    stiffness = elongation.T @ elongation
-    free = np.ones((n, 3), bool)
+    The cells are periodic, or a cluster of all the balls within ``size``/2 hexagonal steps that ends at fixed balls.
+    """
+    cell, middle = Supercell(structure, size), size // 2
+    centre = structure.n_balls * (middle * size + middle)
+    free = np.zeros((cell.balls, 6), bool)
+    free[:, [0, 1, 5] if eta else [0, 1]] = True  # u_x, u_y and phi_z
     free[centre] = False
-    if eta > 0.0:
-        slip = rows(tangent, -0.5, eta)
-        stiffness = stiffness + slip.T @ slip
-    else:
-        free[:, 2] = False
     if clamped:
-        q, r = (cells - size // 2).T  # HEX2D cell: steps from the centre
-        free[np.maximum.reduce([abs(q), abs(r), abs(q - r)]) >= size // 2] = False
-    free = free.ravel()
-    star = ((i == centre) | (j == centre)).astype(float)
-    load = elongation.T @ star
-    motion = np.zeros(3 * n)
-    motion[free] = splu(csc_array(stiffness)[:, free][free], permc_spec="MMD_AT_PLUS_A").solve(load[free])
-    return motion.reshape(-1, 3), float((elongation @ motion) @ star / star.sum())
+        q, r = np.divmod(np.arange(size**2), size) - np.array([[middle], [middle]])  # HEX2D cell: steps from the centre
+        free[np.maximum.reduce([abs(q), abs(r), abs(q - r)]) >= middle] = False
+    free, rows = free.ravel(), cell.elongations
+    star = ((cell.i == centre) | (cell.j == centre)).astype(float)
+    motion, load = np.zeros(free.size), rows.T @ star
+    motion[free] = splu(cell.stiffness(eta)[:, free][free], permc_spec="MMD_AT_PLUS_A").solve(load[free])
+    return motion.reshape(-1, 6), float((rows @ motion) @ star / star.sum())
 
 
 def triangular_cluster(eta: float, size: int, clamped: bool = False) -> np.ndarray:

@@ -371,18 +371,6 @@ def test_finite_overlap_tends_to_the_paper_at_first_order(steel, friction):
     assert_allclose(error, 2 / 3 * overlaps / (8e-3 - overlaps), rtol=1e-11)
 
 
-def test_bands_tend_to_the_paper_at_first_order():
-    q = np.array([[0.7, 0.3], [2.0, -1.1]])
-    for eta in (0.0, ETA):
-        limit = gp.ContactLattice.of("triangular", eta).frequencies(q)
-        errors = []
-        for delta in (1e-4, 5e-5, 2.5e-5):
-            # fractions of the zone stay, the cell shrinks
-            lattice = gp.ContactLattice.of("triangular", eta, 1 - delta, 2 / 3 * delta / (1 - delta))
-            errors.append(np.abs(lattice.frequencies(q / (1 - delta)) - limit).max())
-        assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 1.0, atol=1e-3)
-
-
 def test_overlap_that_buckles_the_lattice(smooth, packing):
     # frictionless: p > k/3 beyond delta = d/3; with friction v_T^2 = 0 at p = (1 + eta)/3, that is delta/d = p/(2/3 + p)
     gp.sound_velocities(gp.AveragedLattice(smooth).at_overlap(0.333 * 8e-3, finite_overlap=True))

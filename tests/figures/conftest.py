@@ -19,3 +19,16 @@ def drawn(ax, gid):
 
 def texts(legend):
     return [text.get_text() for text in legend.get_texts()]
+
+
+def with_gid(ax, gid):
+    """The artist of that group."""
+    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
+
+
+def assert_inside_page(figure):
+    """Nothing sticks out of the page."""
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height

@@ -18,6 +18,7 @@ from granphon.figures.modes import animate_mode, plot_mode
 from granphon.figures.sweeps import sweep_figure
 from granphon.figures.views import Painter, View
 from granphon.phonons.zones import zone_faces
+from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -34,15 +35,6 @@ def fcc():
 @pytest.fixture(scope="module")
 def chain():
     return gp.Phonons(state_of("chain", motions="all", torsion=0.02, bending=0.01))
-
-
-@pytest.fixture
-def ax():
-    return Figure(layout="constrained").subplots()
-
-
-def with_gid(ax, gid):
-    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
 
 
 # -- projection -----------------------------------------------------------------------------------------------------

@@ -26,14 +26,6 @@ def fit():
     return fit_width(PACKING, force, exact + np.random.default_rng(4).normal(size=8) * 5.0)
 
 
-def test_a_fit_whose_error_is_not_known_is_drawn_without_one():
-    unknown = fit_width(PACKING, [4.0] * 3, [480.0] * 3)
-    figure = fit_figure(unknown)
-    assert f"effective\u00a0medium:\nW = {unknown.width * 1e6:.5g} µm" in [
-        text.get_text() for text in figure.axes[0].get_legend().get_texts()
-    ]
-
-
 def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
     below = Figure().subplots()
     assert plot_fit(fit, ax, below) == (ax, below)

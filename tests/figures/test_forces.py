@@ -14,6 +14,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.figures.forces import forces_figure, plot_force_distribution, plot_forces
 from tests import packings
+from tests.figures.conftest import assert_inside_page
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
@@ -138,10 +139,7 @@ def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
     assert window.get_ylim() == pytest.approx((marked.get_y(), marked.get_y() + marked.get_height()))
     assert distribution.get_ylabel() == "Probability density"
     figure.savefig(tmp_path / "forces.png", dpi=50)
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(tight.x0, tight.y0) >= 0.0
-    assert tight.x1 <= width
-    assert tight.y1 <= height
+    assert_inside_page(figure)
 
 
 @pytest.mark.parametrize(
@@ -276,11 +274,8 @@ def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
     state = gp.DirectSimulation(packing, shape).at_force(2.0)
     figure = forces_figure(state)
     figure.savefig(tmp_path / "forces.png")
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert width == 7.0
-    assert min(tight.x0, tight.y0) >= 0.0
-    assert tight.x1 <= width
-    assert tight.y1 <= height
+    assert figure.get_size_inches()[0] == 7.0
+    assert_inside_page(figure)
     (left, right), bar = figure.axes[:2], figure.axes[2]
     assert right.get_ylabel() == "Probability density"
     assert bar.get_xlabel() == right.get_xlabel()

@@ -22,7 +22,9 @@ from granphon.base.scales import HertzPrefix
 from granphon.figures import bands as plot
 from granphon.figures import scales, style, zones
 from granphon.figures.modes import plot_mode
+from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.zones import zone_polygon
+from tests.figures.conftest import assert_inside_page, with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
@@ -47,15 +49,6 @@ def phonons():
 @pytest.fixture(scope="module")
 def bands(phonons):
     return phonons.bands("GKMG", npoints=41)
-
-
-@pytest.fixture
-def ax():
-    return Figure(layout="constrained").subplots()
-
-
-def with_gid(ax, gid):
-    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
 
 
 def branches(ax, bands):
@@ -298,10 +291,7 @@ def test_beside_bands_in_a_column_the_density_is_readable(phonons, bands):
     ticks = [label.get_window_extent() for label in right.get_xticklabels() if label.get_text()]
     assert len(ticks) >= 2
     assert all(one.x1 < next_one.x0 for one, next_one in itertools.pairwise(ticks))
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(tight.x0, tight.y0) >= 0.0
-    assert tight.x1 <= width
-    assert tight.y1 <= height
+    assert_inside_page(figure)
 
 
 # -- figures --------------------------------------------------------------------------------------------------------
@@ -319,10 +309,7 @@ def test_bands_and_dos_share_the_frequency_axis(phonons, bands, tmp_path):
     for ending in ("png", "pdf", "svg"):
         figure.savefig(tmp_path / f"bands.{ending}", dpi=50)
     # nothing sticks out of the page, and no text is smaller than 7 points
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(tight.x0, tight.y0) >= 0.0
-    assert tight.x1 <= width
-    assert tight.y1 <= height
+    assert_inside_page(figure)
     assert min(t.get_fontsize() for t in figure.findobj(matplotlib.text.Text) if t.get_text()) >= 7.0
 
 
@@ -364,6 +351,7 @@ def test_either_may_be_left_out_and_not_both(phonons, bands):
 def test_global_state_is_left_alone(bands):
     before = dict(matplotlib.rcParams)
     plot.bands_figure(bands)
+    sweep_figure(gp.sweep(gp.Packing(STEEL, 8e-3, gp.Uniform(1e-6)), force=[1.0, 2.0], media=("afa",))).canvas.draw()
     assert dict(matplotlib.rcParams) == before
     code = "import sys; import granphon.figures.bands; print('matplotlib.pyplot' in sys.modules, 'phonopy' in sys.modules)"
     run = subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, capture_output=True, text=True)

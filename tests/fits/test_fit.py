@@ -129,17 +129,21 @@ def test_a_lattice_with_velocities_of_its_own_in_each_direction():
 # -- derivatives ----------------------------------------------------------------------------------------------------
 
 
+def require_derivatives(model, logs, step, rtol, atol):
+    """Compare the derivatives of a model with differences of the logarithms of its velocities, of fourth order."""
+    slopes = model(logs)[1]
+    for column, move in enumerate(step * np.eye(len(logs))):
+        logged = [np.log(model(logs + n * move)[0]) for n in (-2, -1, 1, 2)]
+        twin = (8.0 * (logged[2] - logged[1]) - (logged[3] - logged[0])) / (12.0 * step)
+        assert_allclose(slopes[:, column], twin, rtol=rtol, atol=atol)
+
+
 @pytest.mark.parametrize(("frequency", "finite", "rtol"), [(None, False, 2e-8), (6500.0, False, 2e-6), (None, True, 1e-3)])
 @pytest.mark.parametrize("medium", ["afa", "ema"])
 def test_derivatives_are_those_of_the_velocities(medium, frequency, finite, rtol):
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, finite)
     model = VelocityModel(TRUE, ("width", "young_modulus", "diameter"), MediumChoice(medium), FORCE[::3], waves)
-    logs, h = model.find_start(WIDTH), 1e-4
-    slopes = model(logs)[1]
-    for column, move in enumerate(np.eye(3)):
-        logged = [np.log(model(logs + n * h * move)[0]) for n in (-2, -1, 1, 2)]
-        twin = (8.0 * (logged[2] - logged[1]) - (logged[3] - logged[0])) / (12.0 * h)
-        assert_allclose(slopes[:, column], twin, rtol=rtol, atol=1e-8)
+    require_derivatives(model, model.find_start(WIDTH), 1e-4, rtol, 1e-8)
 
 
 # -- noisy data -----------------------------------------------------------------------------------------------------
@@ -530,41 +534,29 @@ def test_one_tiny_sigma_decides_alone():
     assert any(w.startswith("datum 5") and "its leverage is 1," in w for w in fit.warnings)
 
 
-def test_a_wild_datum_is_named_and_an_error_as_large_as_the_width_said():
-    wild = NOISY.copy()
-    wild[5] *= 0.95
-    fit = fit_width(BALLS, FORCE, wild)
+@pytest.mark.parametrize(("sigma", "factor", "rtol"), [(None, 0.95, 0.02), (4.0, 0.9, 0.05), (0.4, 0.9, 0.05)])
+def test_a_wild_datum_is_named(sigma, factor, rtol):
+    """By its sigma where the others agree with theirs, else by the scatter of the others."""
+    wild, others = NOISY.copy(), np.arange(12) != 5
+    wild[5] *= factor
+    fit = fit_width(BALLS, FORCE, wild, sigma)
+    assert sigma is None or fit.p < 1e-3
     (warning,) = [w for w in fit.warnings if "off the fit of the others" in w]
     assert warning.startswith("datum 6")
     # its t is the distance from a fit that leaves it out, over the standard error of that distance
-    others = np.arange(12) != 5
-    left = fit_width(BALLS, FORCE[others], wild[others])
+    left = fit_width(BALLS, FORCE[others], wild[others], sigma)
+    assert sigma is None or (left.p > 0.05) == (sigma == 4.0)
+    error = np.sqrt(left.chi2 / left.dof) if sigma == 0.4 else 1.0
     slope = np.ptp([velocities(spread_over(left.width + step), force=FORCE[5]) for step in (-1e-9, 1e-9)]) / 2e-9
-    distance = (left.velocity_at(FORCE[5]) - wild[5]) / np.hypot(left.sigma[0], slope * left.stderr)
-    assert float(re.search(r"lies (\S+)", warning)[1]) == pytest.approx(distance, rel=0.02)
-    far = EXACT["ema"] * (1.0 + 0.15 * np.array([1.0, -1.0] * 6))
-    large = fit_width(BALLS, FORCE, far)
+    distance = (left.velocity_at(FORCE[5]) - wild[5]) / np.hypot(left.sigma[0], slope * left.stderr) / error
+    assert float(re.search(r"lies (\S+)", warning)[1]) == pytest.approx(distance, rel=rtol)
+
+
+def test_an_error_as_large_as_the_width_is_said():
+    large = fit_width(BALLS, FORCE, EXACT["ema"] * (1.0 + 0.15 * np.array([1.0, -1.0] * 6)))
     part = large.stderr / large.width
     assert part > 0.5
     assert any(f"the standard error of width is {part:.2g} of its value" in warning for warning in large.warnings)
-
-
-@pytest.mark.parametrize("sigma", [4.0, 0.4])
-def test_a_wild_datum_is_named_with_sigma_too(sigma):
-    """By its sigma where the others agree with theirs, else by the scatter of the others."""
-    wild = NOISY.copy()
-    wild[5] *= 0.9
-    fit = fit_width(BALLS, FORCE, wild, sigma)
-    assert fit.p < 1e-3
-    (warning,) = [w for w in fit.warnings if "off the fit of the others" in w]
-    assert warning.startswith("datum 6")
-    others = np.arange(12) != 5
-    left = fit_width(BALLS, FORCE[others], wild[others], sigma)
-    assert (left.p > 0.05) == (sigma == 4.0)
-    error = 1.0 if left.p > 0.05 else np.sqrt(left.chi2 / left.dof)
-    slope = np.ptp([velocities(spread_over(left.width + step), force=FORCE[5]) for step in (-1e-9, 1e-9)]) / 2e-9
-    distance = (left.velocity_at(FORCE[5]) - wild[5]) / np.hypot(sigma, slope * left.stderr) / error
-    assert float(re.search(r"lies (\S+)", warning)[1]) == pytest.approx(distance, rel=0.05)
 
 
 @pytest.mark.usefixtures("remembered")
@@ -653,12 +645,8 @@ def test_the_model_of_samples_is_theirs_and_has_its_own_derivatives(sampled, bra
     waves = Waves(branch, np.array([0.0, 1.0]), None, False)
     model = VelocityModel(replace(BALLS, spread=gp.Uniform(1e-7)), names, MediumChoice.parse(SAMPLES), FORCE, waves)
     logs = model.find_start(WIDTH)
-    found, slopes = model(logs)
-    assert_allclose(found, getattr(sound_velocities(sampled), branch), rtol=1.5e-3)
-    for i in range(3):
-        step = 1e-5 * np.eye(3)[i]
-        difference = (np.log(model(logs + step)[0]) - np.log(model(logs - step)[0])) / 2e-5
-        assert_allclose(slopes[:, i], difference, rtol=2e-4, atol=1e-6)
+    assert_allclose(model(logs)[0], getattr(sound_velocities(sampled), branch), rtol=1.5e-3)
+    require_derivatives(model, logs, 1e-5, 2e-4, 1e-6)
     # at its own places the curve is the simulation itself
     unit = TRUE.law.coefficient * WIDTH**1.5
     places = unit * 10.0 ** (np.arange(0, 5) / 8.0)
@@ -704,11 +692,7 @@ def test_derivatives_with_finite_overlap(medium, frequency):
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, True)
     between = 1.1 * HIGH  # the curve of samples bends at its own places
     model = VelocityModel(WIDE, ("width", "young_modulus", "diameter"), MediumChoice.parse(medium), between, waves)
-    logs = model.find_start(WIDE.width)
-    slopes = model(logs)[1]
-    for column, move in enumerate(1e-3 * np.eye(3)):
-        difference = np.log(model(logs + move)[0] / model(logs - move)[0]) / 2e-3
-        assert_allclose(slopes[:, column], difference, rtol=1e-5 if frequency is None else 1e-2, atol=1e-6)
+    require_derivatives(model, model.find_start(WIDE.width), 1e-3, 1e-5 if frequency is None else 1e-2, 1e-6)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -28,6 +28,7 @@ from granphon.laws.averages import Block, PointAverages
 from granphon.laws.effective import LEAST_SOLVED_FORCE, VALID_FORCE, EffectiveLaw, effective_curve
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 from tests.conftest import only
+from tests.references import balance
 
 #: without friction, and that of steel
 XI = {eta: local_field(mindlin_ratio=eta).xi for eta in (0.0, 0.84)}
@@ -119,17 +120,6 @@ def listed(shape) -> Callable:
     return mixture
 
 
-def balance(weights, force, stiffness, slope, k, xi):
-    """G, dG/dy and dG/dk: (36) solved for f."""
-    k = np.asarray(k)[..., None]
-    part = weights / (stiffness + xi * k)
-    total = np.sum(part, axis=-1)
-    f = np.sum(part * force, axis=-1) / total
-    bent = part / (stiffness + xi * k) * (force - f[..., None])
-    by_y = (np.sum(part * stiffness, axis=-1) - np.sum(bent * slope, axis=-1)) / total
-    return f, by_y, -xi * np.sum(bent, axis=-1) / total
-
-
 def mixture_of(shape):
     if shape == UNIFORM:
         return density(uniform_ball, 0.5, np.ones_like)
@@ -144,7 +134,7 @@ def integrated(shape, xi, top, rtol, least=1e-4, disturbed=1.0):
     for origin, end in reversed(list(itertools.pairwise([*shape.openings.tolist(), top]))):
 
         def state(u, k, origin=origin):
-            return balance(*mixture(origin, np.asarray(u)), k[0], xi)
+            return balance(mixture(origin, np.asarray(u)), k[0], xi)
 
         def slope(u, k, state=state):
             _, by_y, by_k = state(u, k)
@@ -173,20 +163,6 @@ def evaluated(curve, y):
 # -- independent solutions ----------------------------------------------------------------------------------------------
 
 
-@every_xi
-@pytest.mark.parametrize(
-    ("shape", "rtol"),
-    [pytest.param(UNIFORM, 1e-11, id="uniform"), pytest.param(NORMAL, 1e-9, id="normal", marks=pytest.mark.exhaustive)],
-)
-def test_against_scipys_radau(shape, rtol, xi):
-    y, f, k = integrated(shape, xi, 4.0 * effective_curve(shape, xi).far.start, rtol)
-    assert f[-1] == pytest.approx(1e-4, rel=1e-6)
-    keep = y < 2.0 * effective_curve(shape, xi).far.start  # below the error of the reference's own start
-    force, stiffness = evaluated(effective_curve(shape, xi), y[keep])
-    np.testing.assert_allclose(force, f[keep], rtol=10.0 * rtol)
-    np.testing.assert_allclose(stiffness, k[keep], rtol=10.0 * rtol)
-
-
 def collocated(shape, xi, low, top, n=90):
     """SceneSource, ends in u and Chebyshev coefficients of f in u on each interval between openings, from f - G(y, f') = 0.
 
@@ -206,7 +182,7 @@ def collocated(shape, xi, low, top, n=90):
         c = np.linalg.solve(value, guess)
         for _ in range(40):
             k = np.maximum(rate @ c, 1e-3 * np.max(rate @ c))
-            f, _, by_k = balance(*balls, k, xi)
+            f, _, by_k = balance(balls, k, xi)
             matrix, miss = value - by_k[:, None] * rate, f + by_k * (rate @ c - k) - value @ c
             if upper is not None:
                 matrix[-1], miss[-1] = value[-1], upper - value[-1] @ c
@@ -361,7 +337,7 @@ def test_plain_iteration_amplifies_noise():
     y = 0.2 + spacing * np.arange(257)
     f, k = evaluated(effective_curve(UNIFORM, xi), y)
     balls = mixture(0.0, np.sqrt(y))
-    _, _, by_k = balance(*balls, k, xi)
+    _, _, by_k = balance(balls, k, xi)
     assert np.all(by_k > 0.0)
 
     def grown(wavenumber, rounds):
@@ -370,7 +346,7 @@ def test_plain_iteration_amplifies_noise():
         out = [1e-9]
         for _ in range(rounds):
             slope = (wave[2:] - wave[:-2]) / (2.0 * spacing)
-            wave = np.pad(balance(*balls, k + np.pad(slope, 1), xi)[0] - f, 0)
+            wave = np.pad(balance(balls, k + np.pad(slope, 1), xi)[0] - f, 0)
             out.append(float(np.max(np.abs(wave[100:157]))))
         return np.array(out[1:]) / np.array(out[:-1])
 
@@ -430,7 +406,7 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
 
     def state(y, k):
         origin = max(o for o in shape.openings if o <= y)
-        return balance(*mixture(origin, np.sqrt(y - origin)), k, xi)
+        return balance(mixture(origin, np.sqrt(y - origin)), k, xi)
 
     if curve.least_force > LEAST_SOLVED_FORCE:  # only where the equation itself has no more: k' > 0 at k = 0
         assert curve.stiffness_vanishes
@@ -472,7 +448,7 @@ def bounds(curve, points=5):
     mixture = listed(curve.shape)
     rho, by_k = np.empty(y.size), np.empty(y.size)
     for i, (o, u) in enumerate(zip(origin, root, strict=True)):
-        exact, _, by_k[i] = balance(*mixture(o, u), k[i], curve.xi)
+        exact, _, by_k[i] = balance(mixture(o, u), k[i], curve.xi)
         rho[i] = abs(exact - f[i])
     assert np.all(by_k > 0.0)
     rest, errors = rho[0], []

@@ -18,6 +18,7 @@ from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw, high_pressure_series
 from tests.conftest import only
+from tests.laws.test_effective import exact_ball
 
 SKEW = gp.Discrete([7.998e-3, 8.0e-3, 8.004e-3], [0.5, 0.3, 0.2]).shape
 SHAPES = {"uniform": UniformShape(), "normal": NormalShape(3.0), "skew": SKEW}
@@ -53,22 +54,15 @@ def test_second_and_third_order_by_hand(name, xi):
     np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-15)
 
 
-def exact_uniform_ball(s):
-    """F^Q and K^Q of the uniform distribution at s = y + x/2, in the present precision of mpmath."""
-    sides = [max(s + side, mpmath.mpf(0)) for side in (mpmath.mpf(1) / 4, -mpmath.mpf(1) / 4)]
-    root = [mpmath.sqrt(side) for side in sides]
-    return 4 * (root[0] ** 5 - root[1] ** 5) / 5, 2 * (root[0] ** 3 - root[1] ** 3)
-
-
 def residual(y, f, k, xi, parts):
     """<(F - f)/(K + Xi k)> over <1/(K + Xi k)>: by how much f misses equation (36)."""
 
     def integrand(s):
-        force, stiffness = exact_uniform_ball(s)
+        force, stiffness = exact_ball(s)
         return (force - f) / (stiffness + xi * k)
 
     below = mpmath.quad(integrand, parts)
-    return below / mpmath.quad(lambda s: 1 / (exact_uniform_ball(s)[1] + xi * k), parts)
+    return below / mpmath.quad(lambda s: 1 / (exact_ball(s)[1] + xi * k), parts)
 
 
 @every_factor
@@ -283,7 +277,7 @@ def test_fluctuation_at_forty_digits(y):
         k = mpmath.sqrt(here) * sum((mpmath.mpf(1.5) - n) * mpmath.mpf(c) * z**n for n, c in enumerate(series.mean))
 
         def square(s):
-            force, stiffness = exact_uniform_ball(s)
+            force, stiffness = exact_ball(s)
             return ((force - f) / (1 + stiffness / (mpmath.mpf(law.xi) * k))) ** 2
 
         quarter = mpmath.mpf(1) / 4

@@ -170,14 +170,6 @@ def test_the_script_measures_what_the_table_bounds(maker, lattice, shape):
         assert np.all(errors[errors < maker.FAILED] > 0.0)
 
 
-def test_a_bound_never_rises_with_the_load(maker):
-    errors = np.array([[1.0, 3.0, 2.0]])
-    assert maker.falling(errors, "uniform") == [[3.45, 3.45, 2.3]]
-    # of listed diameters each load counts at those next to it as well
-    assert maker.falling(errors, "any") == [[3.9, 3.9, 3.9]]
-    assert maker.falling(np.array([[4.0, 3.0, 2.0]]), "any") == [[5.2, 5.2, 3.9]]
-
-
 def test_a_table_of_another_schema_is_refused(monkeypatch, tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "accuracy.json").write_text(json.dumps({**accuracy().data, "schema": 4}), encoding="utf-8")
@@ -297,15 +289,6 @@ def test_what_the_table_was_made_of_is_covered(maker, lattice):
         assert accuracy().explain_uncovered(maker.packing(spread, 0.3, lattice)) is None
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_so_many_balls_have_the_error_that_was_asked_for(kind):
-    packing = balls()
-    loads = load(packing, kind, [0.6, 5.0])
-    for tolerance in (0.1, 1e-3):
-        number = float(np.max((accuracy().error("simulation", packing, loads, 1) / tolerance) ** 2))
-        assert_allclose(np.max(accuracy().error("simulation", packing, loads, number)), tolerance, rtol=1e-12)
-
-
 @pytest.mark.filterwarnings("error")
 @given(st.floats(1e-300, 1e-6), st.sampled_from(KINDS), st.floats(1e-300, 1e300), st.sampled_from([*MEDIA, "simulation"]))
 def test_no_load_and_no_width_make_it_stumble(width, kind, value, medium):
@@ -353,7 +336,7 @@ def test_on_what_was_held_back_the_promise_is_kept(maker, lattice):
     """Other distributions, loads and Poisson ratios than those of the table; truths of fewer balls than it was made with."""
     side, samples, loads, most = (40, 3, 4, 200) if lattice == "triangular" else (14, 3, 3, 100)
     spreads = ("uniform", "normal, cut at 2.5", "two kinds, 0.3 of them larger", "a lot of 40 balls, lognormal")
-    found = [one for one in maker.trials(lattice, 3, side, samples, loads, ratios=2, spreads=spreads) if one.medium]
+    found = list(maker.trials(lattice, 3, side, samples, loads, ratios=2, spreads=spreads))
     assert {one.distribution for one in found} == set(spreads)
     assert {one.medium for one in found} == {*MEDIA, "simulation"}
     assert len(found) >= most
@@ -370,7 +353,7 @@ def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
         for name, rows in media.items():
             media[name] = (0.2 * np.array(rows)).tolist()
     monkeypatch.setattr("granphon.media.choice.accuracy", lambda: Accuracy(data))
-    found = [one for one in maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]) if one.medium]
+    found = list(maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]))
     assert len(found) >= 20
     assert np.mean([one.kept for one in found]) < 0.8
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
@@ -261,42 +259,6 @@ def test_directions_lattices_and_media_together(tmp_path):
     assert again.identical(ds)
     heading = (tmp_path / "sweep.csv").read_text().splitlines()[0]
     assert "transverse_slow_error (m/s)" in heading
-
-
-class _StopAfterTwo:
-    """A progress that interrupts when two samples are done."""
-
-    done = 0.0
-
-    @contextmanager
-    def step(self, label, total=None):
-        yield self
-
-    def advance(self, amount=1.0):
-        self.done += amount
-        if self.done >= 2.0:
-            raise KeyboardInterrupt
-
-
-def test_a_sweep_in_space_goes_on_where_it_was_cut_off(tmp_path):
-    arguments = {"force": [5.0, 30.0], "media": {"simulation": {"shape": (2, 2, 2), "samples": 2}}}
-    with pytest.raises(KeyboardInterrupt):
-        gp.sweep(packing("hcp", friction=False), **arguments, path=tmp_path / "sweep.nc", progress=_StopAfterTwo())
-    assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
-    found = gp.sweep(packing("hcp", friction=False), **arguments, path=tmp_path / "sweep.nc")
-    whole = gp.sweep(packing("hcp", friction=False), **arguments)
-    assert found.drop_attrs().identical(whole.drop_attrs())
-
-
-@pytest.mark.exhaustive
-def test_neither_processes_nor_threads_change_samples_in_space():
-    state = simulation("hcp", 2).at_force([20.0, 5.0])
-    with ProcessPoolExecutor(2) as pool:
-        aside = dataclasses.replace(simulation("hcp", 2), executor=pool).at_force([20.0, 5.0])
-    threads = dataclasses.replace(simulation("hcp", 2), workers=2).at_force([20.0, 5.0])
-    for other in (aside, threads):
-        assert_array_equal(other.overlap, state.overlap)
-        assert_array_equal(other.elastic_tensor, state.elastic_tensor)
 
 
 # -- fits ---------------------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from unittest.mock import MagicMock
 
 import ase.io
 import numpy as np
@@ -26,7 +27,6 @@ from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines
 from granphon.figures.sweeps import sweep_figure
 from granphon.media.choice import MediumChoice
-from granphon.media.cost import estimate
 from granphon.runs.samples import RecordedState, SampleRecord
 from granphon.scene.redraw import read_run, redraw
 
@@ -99,7 +99,10 @@ def test_equal_balls_give_back_the_work_of_the_load(start):
     np.testing.assert_allclose(equal.work - equal.work[0], stored - stored[0], rtol=1e-12)
     if not isinstance(start, dict):
         np.testing.assert_allclose(equal.work, stored, rtol=1e-12)
-    np.testing.assert_array_equal(equal.dissipated_energy, 0.0)
+    assert equal.dissipated_energy.tolist() == equal.tangential_ratio.tolist() == [0.0] * 3
+    ideal = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_overlap(equal.overlap)
+    np.testing.assert_allclose(equal.force, ideal.force, rtol=1e-12)
+    np.testing.assert_allclose(gp.moduli(equal).shear, gp.moduli(ideal).shear, rtol=1e-9)
 
 
 def test_the_start_may_be_a_load():
@@ -131,24 +134,10 @@ def test_plain_data_come_back():
 
 
 def test_progress_is_told():
-    told = []
-
-    class Counted:
-        def step(self, label, total=None):
-            told.append((label, total))
-            return self
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *args):
-            return None
-
-        def advance(self, amount=1.0):
-            told.append(amount)
-
-    simulation().path(overlap=[0.05 * W, 0.1 * W], progress=Counted())
-    assert told == [("loading with friction", 2), 1.0, 1.0]
+    progress = MagicMock()
+    simulation().path(overlap=[0.05 * W, 0.1 * W], progress=progress)
+    progress.step.assert_called_once_with("loading with friction", 2)
+    assert progress.step.return_value.__enter__.return_value.advance.call_count == 2
 
 
 # -- forces -------------------------------------------------------------------------------------------------------------
@@ -313,11 +302,6 @@ def test_moduli_are_those_of_the_springs_that_each_contact_has(response):
     np.testing.assert_allclose(ratio, wanted[response], atol=1e-9)
 
 
-def test_springs_at_more_contacts_make_the_array_stiffer():
-    shear = {one: cycle()[1].sample.respond(one).elastic_tensor[2, 2] for one in ("slide", "stick", "partial_slip")}
-    assert shear["partial_slip"] < shear["slide"] < shear["stick"]
-
-
 def test_without_friction_the_states_are_those_of_today():
     smooth = gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.2 * W)
     none = simulation(0.0, shear_response="slide").at_overlap(0.2 * W)
@@ -370,15 +354,6 @@ def test_exponent_is_the_slope_of_the_velocity_along_the_path():
     assert gp.local_exponent(paths.at_force(force)) == pytest.approx(slope, abs=5e-3)
 
 
-def test_equal_balls_have_no_history():
-    equal = gp.Packing(STEEL, diameter=8e-3)
-    state = gp.DirectSimulation(equal, (3, 3), friction_history=True, friction_coefficient=0.2).at_force([1.0, 0.5])
-    ideal = gp.AveragedLattice(equal).at_force([1.0, 0.5])
-    np.testing.assert_allclose(state.overlap, ideal.overlap, rtol=1e-12)
-    np.testing.assert_allclose(gp.moduli(state).shear, gp.moduli(ideal).shear, rtol=1e-9)
-    assert state.tangential_ratio.tolist() == [0.0, 0.0]
-
-
 def test_the_network_keeps_tangential_forces():
     network = cycle()[1].sample.network
     assert type(network).from_dict(json.loads(json.dumps(network.to_dict()))) == network
@@ -398,16 +373,6 @@ def test_records_average_what_states_do():
         assert getattr(recorded, name) == getattr(simulated, name)
 
 
-def test_a_path_costs_more_than_an_equilibrium():
-    load = Load("overlap", np.array([0.1, 0.2]) * W)
-    rest, pressed = (
-        estimate(one, load)
-        for one in (gp.DirectSimulation(PACKING, (64, 64), geometry="lattice"), simulation(shape=(64, 64)))
-    )
-    assert pressed.work > 1.5 * rest.work
-    assert pressed.memory > rest.memory
-
-
 def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
     """Without springs against slip the shear modulus has no deficit; it is that of the same samples without friction."""
     smooth = replace(PACKING, friction=False)
@@ -424,14 +389,6 @@ def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
     exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)
     slid = simulation(0.0, step_tolerance=1e-3, shear_response="slide").at_overlap(0.05 * W)
     assert gp.moduli(slid).shear == pytest.approx(gp.moduli(exact).shear, rel=1e-2)
-    assert "shear" in {
-        check.name
-        for check in gp.validity(gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.05 * W)).checks
-    }
-    assert "shear" not in {
-        check.name
-        for check in gp.validity(gp.DirectSimulation(smooth, (6, 6), geometry="lattice").at_overlap(0.05 * W)).checks
-    }
 
 
 # -- the exact geometry, and other starts ---------------------------------------------------------------------------------
@@ -602,8 +559,6 @@ def test_lattices_that_do_not_stand_are_told_what_simulates_them():
 def test_a_start_below_the_threshold_is_named():
     with pytest.raises(InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"):
         simulation(start=0.3).at_overlap(0.1 * W)
-    with pytest.raises(InputError, match=r"start of the loading: a mean contact force of f\* = 1e-09 is below 1e-08"):
-        simulation(start={"force": 1e-9 * UNITS.force}).at_overlap(0.1 * W)
 
 
 @pytest.mark.parametrize("kind", ["overlap", "force"])
@@ -648,7 +603,7 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkey
     ],
 )
 def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(load, start, where, monkeypatch):
-    monkeypatch.setattr(LoadingHistory, "step", lambda *given: pytest.fail("a load is solved"))
+    monkeypatch.setattr(LoadingHistory, "path", lambda *given: pytest.fail("a load is solved"))
     given = options(*HISTORY, "samples: 2", *[start] * bool(start))
     with pytest.raises(SceneError, match=where):
         scene(load=load, medium=given)
@@ -688,16 +643,9 @@ def test_starts_are_counted_over_all_cases(monkeypatch):
 
 
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
-    step = LoadingHistory.step
-
-    def fail(self, *given):
-        if given[-1].overlap < 0.0:
-            raise ConvergenceError(f"not reached: {given[-1].overlap:g}")
-        return step(self, *given)
-
-    monkeypatch.setattr(LoadingHistory, "step", fail)
+    end_at(monkeypatch, 0.0)
     loads = np.array([0.05, 0.1, -0.3]) * W
-    with pytest.raises(ConvergenceError, match="not reached") as error:
+    with pytest.raises(ConvergenceError, match="falls apart") as error:
         simulation(step_tolerance=1.0).path(overlap=loads)
     assert error.value.load_index == 2
     assert error.value.reached.overlap.tolist() == loads[:2].tolist()
@@ -747,16 +695,6 @@ def test_what_a_history_does_not_have():
         gp.HertzMindlin(state).calculate(state.sample.atoms())
 
 
-def test_an_automatic_medium_names_the_friction_of_its_truth():
-    equal, given = gp.Packing(STEEL, diameter=8e-3), {"friction_history": True, "friction_coefficient": 0.2}
-    assert MediumChoice.parse({"auto": given}).of(equal).at_force(1.0).medium == "ala"
-    with pytest.raises(InputError, match=r"friction_coefficient: found no friction_coefficient"):
-        MediumChoice.parse({"auto": {"friction_history": True}})
-    with pytest.raises(InputError, match=r"friction_coefficient: found 0.2 without friction_history"):
-        gp.AutoMedium(PACKING, friction_coefficient=0.2)
-    assert MediumChoice.parse("auto") == MediumChoice.parse({"auto": {"friction_history": False}})
-
-
 # -- scenes, sweeps, fits -------------------------------------------------------------------------------------------------
 
 SCENE = """
@@ -802,13 +740,10 @@ def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
     assert summary["longitudinal"] == gp.sound_velocities(state).longitudinal
 
 
-def test_the_default_start_is_written_out(tmp_path):
+def test_the_default_start_is_written_out():
     given = scene(medium=options(*HISTORY))
-    given.run(tmp_path / "out")
-    written = yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())
-    assert written["medium"]["simulation"]["start"] == 0.5
-    again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
-    assert again == given
+    assert yaml.safe_load(given.to_yaml())["medium"]["simulation"]["start"] == 0.5
+    assert gp.Scene.from_text(given.to_yaml()) == given
 
 
 def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
@@ -958,8 +893,6 @@ def test_a_fit_below_the_start_says_which_datum():
     [
         (options("friction_history: true"), r"medium.simulation.friction_coefficient: found no friction_coefficient"),
         (options("friction_coefficient: 0.2"), r"friction_coefficient: found 0.2 without friction_history"),
-        (options("friction_history: true", "friction_coefficient: -1"), "friction_coefficient: found -1"),
-        (options("friction_history: true", "friction_coefficient: .nan"), "friction_coefficient: found"),
         (
             options(*HISTORY, "start: {force: [1 N, 2 N]}"),
             r"start.force: found \['1 N', '2 N'\]; allowed: one force. A loading",
@@ -968,8 +901,6 @@ def test_a_fit_below_the_start_says_which_datum():
         (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
         (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
-        (options("geometry: round"), "geometry: found 'round'; allowed: lattice, exact"),
-        (options(*HISTORY, "shear_response: slip"), "shear_response: found 'slip'"),
         (options("friction_histroy: true"), "Did you mean 'friction_history'"),
         ("{auto: {friction_history: true}}", "medium.auto.friction_coefficient: found no friction_coefficient"),
         ("{auto: {friction_history: true, friction_coefficient: 0.05}}", "friction coefficients from 0.1 on, not for 0.05"),

@@ -69,16 +69,6 @@ def test_state_is_that_of_equations_1_to_4_and_20(diameter, load):
             assert abs(getattr(state, name) / exact - 1) < 4e-15
 
 
-def test_normal_stiffness_is_minus_df_da_of_the_law(packing):
-    state = gp.AveragedLattice(packing).at_force(18.446)
-    with mpmath.workdps(40):
-        c = mpmath.mpf(state.law.coefficient)
-        slope = mpmath.diff(lambda x: c * x ** mpmath.mpf("1.5"), mpmath.mpf(state.overlap))
-        assert abs(state.normal_stiffness / slope - 1) < 2e-15
-    assert_allclose(state.law.force(state.overlap), state.force, rtol=1e-15)
-    assert_allclose(state.law.stiffness(state.overlap), state.normal_stiffness, rtol=1e-15)
-
-
 @given(part=st.floats(-28.0, 2.0))
 def test_pressure_with_finite_overlap_over_thirty_decades(packing, part):
     # P a = sqrt(3) f, with a = d - delta
@@ -96,27 +86,6 @@ def test_pressure_with_finite_overlap_over_thirty_decades(packing, part):
         assert abs(state.overlap / exact - 1) < 2e-15
         force = c * exact ** mpmath.mpf("1.5")
         assert abs(state.force / force - 1) < 2e-15
-
-
-def test_pressure_with_finite_overlap_is_met_to_rounding(packing):
-    medium, unit = gp.AveragedLattice(packing), packing.law.coefficient * packing.diameter**0.5 * 0.1
-    pressures = unit * np.logspace(-28.0, 2.0, 601)
-    states = medium.at_pressure(pressures, finite_overlap=True)
-    with mpmath.workdps(40):
-        for pressure, force, overlap in zip(pressures, states.force, states.overlap, strict=True):
-            spacing = mpmath.mpf(packing.diameter) - mpmath.mpf(overlap)
-            # beyond half a diameter the last bit of the overlap alone is worth more than one of the spacing
-            room = 1e-15 * max(1, mpmath.mpf(overlap) / spacing)
-            assert abs(mpmath.sqrt(3) * mpmath.mpf(force) / spacing / mpmath.mpf(pressure) - 1) < room
-    assert_allclose(states.force, packing.law.force(states.overlap), rtol=3e-15)
-
-
-def test_pressure_with_finite_overlap_tends_to_that_without(packing):
-    medium = gp.AveragedLattice(packing)
-    pressures = 1e7 / 8.0 ** np.arange(4)
-    here, there = medium.at_pressure(pressures), medium.at_pressure(pressures, finite_overlap=True)
-    assert np.all(there.force < here.force)
-    assert_allclose(1 - there.force / here.force, there.relative_overlap, rtol=1e-12)
 
 
 # -- shapes -----------------------------------------------------------------------------------------------------------
@@ -154,10 +123,6 @@ def test_attributes_have_the_shape_of_the_load(packing, shape, name):
         assert medium.at_pressure(values, finite_overlap=True).force.shape == shape
 
 
-def test_lists_are_arrays(packing):
-    assert gp.AveragedLattice(packing).at_force([1.0, 2.0]).shape == (2,)
-
-
 def test_equal_balls(packing, smooth):
     state = gp.AveragedLattice(packing).at_force(18.446)
     assert state.reduced_force == state.reduced_spacing == math.inf
@@ -182,18 +147,6 @@ def test_state_is_frozen_and_its_arrays_read_only(packing):
     for name in ("force", "overlap", "normal_stiffness"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(state, name)[0] = 0.0
-
-
-def test_state_does_not_follow_the_array_it_was_made_from(packing):
-    values = np.array([1.0, 2.0])
-    state = gp.AveragedLattice(packing).at_force(values)
-    values[:] = 5.0
-    assert state.force.tolist() == [1.0, 2.0]
-
-
-def test_medium_protocol(packing):
-    assert isinstance(gp.AveragedLattice(packing), gp.Medium)
-    assert gp.AveragedLattice(packing).packing is packing
 
 
 def test_scales_belong_to_one_load(packing):
@@ -253,23 +206,11 @@ def test_balls_cannot_overlap_by_their_diameter(packing):
         medium.at_pressure(1.001 * limit.pressure)
 
 
+@pytest.mark.parametrize("load", [5e-324, 1e308])
 @pytest.mark.parametrize("name", NAMED)
-def test_loads_below_double_precision(packing, name):
+def test_loads_beyond_double_precision(packing, name, load):
     with pytest.raises(InputError):
-        getattr(gp.AveragedLattice(packing), f"at_{name}")(5e-324)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "force",
-        "pressure",
-        "overlap",
-    ],
-)
-def test_loads_beyond_double_precision(packing, name):
-    with pytest.raises(InputError):
-        getattr(gp.AveragedLattice(packing), f"at_{name}")(1e308)
+        getattr(gp.AveragedLattice(packing), f"at_{name}")(load)
 
 
 @pytest.mark.parametrize("pressure", [20.0, 4e3, [1.0, 1e5]])
@@ -308,8 +249,8 @@ SPREADS = {
     "discrete": lambda w: gp.Discrete((8e-3 - w / 3.0, 8e-3 + w / 3.0), (0.5, 0.5)),
     "measured": lambda w: gp.Measured((8e-3 - w, 8e-3, 8e-3 + w)),
 }
-LADDER = (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium)
-every_rung = pytest.mark.parametrize("rung", LADDER)
+LAW_MEDIA = (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium)
+every_law = pytest.mark.parametrize("make", LAW_MEDIA)
 every_spread = pytest.mark.parametrize("spread", SPREADS)
 
 
@@ -323,14 +264,14 @@ def unit_of_force(packing):
 
 @given(
     part=st.floats(-3.0, 17.0), width=st.floats(-16.0, -1.0), name=st.sampled_from(NAMED), finite=st.booleans(),
-    rung=st.sampled_from(LADDER), spread=st.sampled_from(["uniform", "normal"]),
+    make=st.sampled_from(LAW_MEDIA), spread=st.sampled_from(["uniform", "normal"]),
 )  # fmt: skip
-def test_round_trips_of_balls_that_differ(steel, part, width, name, finite, rung, spread):
+def test_round_trips_of_balls_that_differ(steel, part, width, name, finite, make, spread):
     packing = differing(steel, 8e-3 * 10.0**width, spread)
     # twenty decades up from f* = 1e-3, as long as balls are not pressed flat
     load = min(unit_of_force(packing) * 10.0**part, 0.1 * packing.law.force(8e-3))
-    state = rung(packing).at_force(load, finite_overlap=finite)
-    again = getattr(rung(packing), f"at_{name}")(getattr(state, name), finite_overlap=finite)
+    state = make(packing).at_force(load, finite_overlap=finite)
+    again = getattr(make(packing), f"at_{name}")(getattr(state, name), finite_overlap=finite)
     # an overlap near zero comes back to rounding of W, and the force to what that is worth
     size = abs(state.overlap) + packing.width
     assert again.overlap == pytest.approx(state.overlap, rel=0.0, abs=1e-14 * size)
@@ -339,11 +280,11 @@ def test_round_trips_of_balls_that_differ(steel, part, width, name, finite, rung
     assert again.pressure == pytest.approx(state.pressure, rel=room)
 
 
-@every_rung
+@every_law
 @every_spread
 @pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 3)])
-def test_states_of_balls_that_differ_have_the_shape_of_the_load(steel, rung, spread, shape):
-    medium = rung(differing(steel, spread=spread))
+def test_states_of_balls_that_differ_have_the_shape_of_the_load(steel, make, spread, shape):
+    medium = make(differing(steel, spread=spread))
     loads = 5.0 * (1.0 + np.arange(math.prod(shape))).reshape(shape)
     state = medium.at_force(loads)
     for attribute in (*SI, *REDUCED, "stiffness_ratio", "effective_density"):
@@ -357,10 +298,10 @@ def test_states_of_balls_that_differ_have_the_shape_of_the_load(steel, rung, spr
         assert np.asarray(state.contact_fraction)[index] == pytest.approx(alone.contact_fraction, rel=1e-12)
 
 
-@every_rung
+@every_law
 @every_spread
-def test_stiffness_of_balls_that_differ_is_the_derivative_of_the_force(steel, rung, spread):
-    medium = rung(differing(steel, spread=spread))
+def test_stiffness_of_balls_that_differ_is_the_derivative_of_the_force(steel, make, spread):
+    medium = make(differing(steel, spread=spread))
     width = medium.packing.width
     overlaps = width * np.array([0.2, 0.7, 2.5, 30.0])
     state = medium.at_overlap(overlaps)
@@ -372,28 +313,28 @@ def test_stiffness_of_balls_that_differ_is_the_derivative_of_the_force(steel, ru
         assert slope == pytest.approx(k, rel=1e-9)
 
 
-@every_rung
+@every_law
 @pytest.mark.parametrize("spread", ["uniform", "normal"])
-def test_equal_balls_are_the_limit_of_width_zero(steel, rung, spread):
+def test_equal_balls_are_the_limit_of_width_zero(steel, make, spread):
     equal = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(18.446)
     widths = 8e-3 * 10.0 ** np.arange(-16.0, -4.0)
     for width in widths:
-        state = rung(differing(steel, width, spread)).at_force(18.446)
+        state = make(differing(steel, width, spread)).at_force(18.446)
         # k/k_ala - 1 = -r/96 (W/delta)^2, at most 1/96
         room = 4e-15 + 1.1 / 96.0 * (state.packing.width / equal.overlap) ** 2
         assert abs(state.normal_stiffness / equal.normal_stiffness - 1.0) < room
         assert abs(state.overlap / equal.overlap - 1.0) < 4e-15 + (state.packing.width / equal.overlap) ** 2
-    far = [rung(differing(steel, w, spread)).at_force(18.446).stiffness_ratio - 1.0 for w in (4e-7, 2e-7)]
-    if rung is not gp.AveragedLattice:
+    far = [make(differing(steel, w, spread)).at_force(18.446).stiffness_ratio - 1.0 for w in (4e-7, 2e-7)]
+    if make is not gp.AveragedLattice:
         assert math.log2(far[0] / far[1]) == pytest.approx(2.0, abs=0.01)
 
 
-@every_rung
+@every_law
 @pytest.mark.parametrize(
     "spread", [None, gp.Uniform(0.0), gp.Normal(0.0), gp.Discrete((8e-3,), (1.0,)), gp.Measured((8e-3,) * 3)]
 )
-def test_no_width_is_exactly_equal_balls(steel, rung, spread):
-    state = rung(gp.Packing(steel, 8e-3, spread=spread)).at_force([1.0, 18.446])
+def test_no_width_is_exactly_equal_balls(steel, make, spread):
+    state = make(gp.Packing(steel, 8e-3, spread=spread)).at_force([1.0, 18.446])
     equal = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 18.446])
     for name in (*SI, *REDUCED):
         assert np.array_equal(getattr(state, name), getattr(equal, name))
@@ -401,27 +342,27 @@ def test_no_width_is_exactly_equal_balls(steel, rung, spread):
 
 @pytest.mark.parametrize("width", [1e-150, 1e-205, 1e-240, 1e-300])
 def test_widths_near_the_end_of_the_floating_range(steel, width):
-    for rung in LADDER:
-        state = rung(gp.Packing(steel, 8e-3, spread=gp.Uniform(width))).at_force(18.446)
+    for make in LAW_MEDIA:
+        state = make(gp.Packing(steel, 8e-3, spread=gp.Uniform(width))).at_force(18.446)
         assert state.reduced_force > 1e200
         assert state.stiffness_ratio == pytest.approx(1.0, rel=1e-15)
         assert state.contact_fraction == 1.0
         assert 0.0 <= state.force_fluctuation < 1e-100
 
 
-@every_rung
-def test_a_reduced_force_near_the_end_of_the_floating_range(steel, rung):
+@every_law
+def test_a_reduced_force_near_the_end_of_the_floating_range(steel, make):
     # c W^(3/2) is a normal number for the first width, but W^(3/2) is not; for the second neither is
     for width, forces in ((1e-210, [1e-304, 1.0]), (1e-218, [1e-100, 1e-30])):
         packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(width))
-        state = rung(packing).at_force(forces)
+        state = make(packing).at_force(forces)
         unit = Decimal(packing.law.coefficient) * Decimal(width).sqrt() ** 3
         assert_allclose(state.reduced_force, [float(Decimal(force) / unit) for force in forces], rtol=2e-15)
 
 
-@pytest.mark.parametrize("rung", LADDER[1:])
-def test_mean_overlaps_below_zero(steel, rung):
-    medium = rung(differing(steel))
+@pytest.mark.parametrize("make", LAW_MEDIA[1:])
+def test_mean_overlaps_below_zero(steel, make):
+    medium = make(differing(steel))
     width = medium.packing.width
     state = medium.at_overlap(-0.1 * width)
     assert state.force > 0.0
@@ -433,9 +374,9 @@ def test_mean_overlaps_below_zero(steel, rung):
         medium.at_overlap([0.0, -0.5 * width])
 
 
-@pytest.mark.parametrize("rung", LADDER[1:])
-def test_loads_too_low_for_the_medium(steel, rung):
-    medium = rung(differing(steel))
+@pytest.mark.parametrize("make", LAW_MEDIA[1:])
+def test_loads_too_low_for_the_medium(steel, make):
+    medium = make(differing(steel))
     unit = unit_of_force(medium.packing)
     for load in (1e-45 * unit, [unit, 1e-45 * unit]):
         with pytest.raises(PrecisionError, match="load"):
@@ -443,7 +384,7 @@ def test_loads_too_low_for_the_medium(steel, rung):
     for load, text in ((0.0, "zero"), (-1.0, "tensile"), (math.nan, "finite")):
         with pytest.raises(InputError, match=text):
             medium.at_force(load)
-    if rung is gp.EffectiveMedium:
+    if make is gp.EffectiveMedium:
         assert medium.at_force(1.001e-6 * unit).valid is False
         with pytest.raises(PrecisionError, match="1e-06"):
             medium.at_force(0.999e-6 * unit)
@@ -469,16 +410,16 @@ def test_validity_and_regime_at_their_borders(steel):
     state = medium.at_force(unit * np.array([0.0799999, 0.0800001, 100.0]))
     assert state.valid.tolist() == [False, True, True]
     rms, root = packing.width / math.sqrt(12.0), math.sqrt(10.0)
-    for rung in LADDER[:2]:
+    for make in LAW_MEDIA[:2]:
         overlaps = rms * np.array([1.0 / root * (1 - 1e-9), 1.0 / root * (1 + 1e-9), root * (1 - 1e-9), root * (1 + 1e-9)])
-        state = rung(packing).at_overlap(overlaps)
+        state = make(packing).at_overlap(overlaps)
         assert state.regime.tolist() == ["low", "intermediate", "intermediate", "high"]
         assert state.valid.tolist() == [False, False, False, True]
 
 
 def test_states_of_every_medium_and_spread_come_back(steel):
-    for spread, rung in itertools.product(SPREADS, LADDER):
-        state = rung(differing(steel, spread=spread)).at_force([5.0, 18.446])
+    for spread, make in itertools.product(SPREADS, LAW_MEDIA):
+        state = make(differing(steel, spread=spread)).at_force([5.0, 18.446])
         for again in (gp.ContactState.from_dict(json.loads(json.dumps(state.to_dict()))), pickle.loads(pickle.dumps(state))):
             assert again == state
             assert np.array_equal(again.contact_fraction, state.contact_fraction)
@@ -501,11 +442,11 @@ def test_effective_medium_of_other_lattices(steel, lattice):
 # -- macroscopic properties (47)-(49) -----------------------------------------------------------------------------------
 
 
-@every_rung
+@every_law
 @pytest.mark.parametrize("friction", [False, True])
-def test_moduli_and_velocities_follow_the_stiffness(steel, rung, friction):
+def test_moduli_and_velocities_follow_the_stiffness(steel, make, friction):
     packing = differing(steel, friction=friction)
-    state = rung(packing).at_force(unit_of_force(packing) * np.logspace(-2, 4, 25))
+    state = make(packing).at_force(unit_of_force(packing) * np.logspace(-2, 4, 25))
     eta, velocities, moduli = packing.mindlin_ratio, gp.sound_velocities(state), gp.moduli(state)
     np.testing.assert_allclose((velocities.longitudinal / velocities.transverse) ** 2, (3 + eta) / (1 + eta), rtol=1e-13)
     np.testing.assert_allclose(moduli.bulk, math.sqrt(0.75) * state.normal_stiffness / packing.diameter, rtol=1e-13)
@@ -514,11 +455,11 @@ def test_moduli_and_velocities_follow_the_stiffness(steel, rung, friction):
     np.testing.assert_allclose(density * velocities.longitudinal**2, moduli.bulk + moduli.shear, rtol=1e-13)
 
 
-@every_rung
+@every_law
 @pytest.mark.parametrize("spread", ["uniform", "normal"])
-def test_local_exponent_is_the_slope_of_log_velocity(steel, rung, spread):
+def test_local_exponent_is_the_slope_of_log_velocity(steel, make, spread):
     packing = differing(steel, spread=spread)
-    medium = rung(packing)
+    medium = make(packing)
     weights = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
     steps = 0.02 * np.array([-4, -3, -2, -1, 1, 2, 3, 4])
     for reduced in (0.12, 1.0, 30.0):
@@ -532,16 +473,16 @@ def test_local_exponent_is_the_slope_of_log_velocity(steel, rung, spread):
     assert np.all(departure < 0.2 * 10.0 ** (-4.0 / 3.0 * np.array([3.0, 5.0])) + 4e-15)
 
 
-def test_the_ladder_is_ordered(steel):
+def test_the_media_are_ordered(steel):
     # "They frame the exact and the EMA results from below and from above"
     packing = differing(steel)
     overlaps = packing.width * np.linspace(0.05, 20.0, 200)
-    lattice, average, effective = (rung(packing).at_overlap(overlaps).force for rung in LADDER)
+    lattice, average, effective = (make(packing).at_overlap(overlaps).force for make in LAW_MEDIA)
     assert np.all(lattice < effective)
     assert np.all(effective < average)
     forces = unit_of_force(packing) * np.logspace(-1.0, 5.0, 100)
-    for rung in LADDER[1:]:
-        ratio = rung(packing).at_force(forces).stiffness_ratio
+    for make in LAW_MEDIA[1:]:
+        ratio = make(packing).at_force(forces).stiffness_ratio
         assert np.all(ratio < 1.0)
         assert np.all(np.diff(ratio) > 0.0)
 
@@ -562,10 +503,10 @@ FOUND = {
 every_function = pytest.mark.parametrize("name", FOUND)
 
 
-@every_rung
+@every_law
 @every_function
-def test_a_function_reads_finite_overlap_from_the_state(steel, rung, name):
-    medium = rung(differing(steel, 2.04e-5))
+def test_a_function_reads_finite_overlap_from_the_state(steel, make, name):
+    medium = make(differing(steel, 2.04e-5))
     unset, limit, finite = (medium.at_force(200.0, finite_overlap=given) for given in (None, False, True))
     assert (unset.finite_overlap, limit.finite_overlap, finite.finite_overlap) == (False, False, True)
     assert unset == limit
@@ -574,11 +515,11 @@ def test_a_function_reads_finite_overlap_from_the_state(steel, rung, name):
     assert np.any(np.asarray(find(finite)) != find(limit))
 
 
-@every_rung
+@every_law
 @pytest.mark.parametrize("finite", [False, True])
 @pytest.mark.parametrize("kind", ["force", "pressure", "overlap"])
-def test_equation_16_holds_to_rounding(steel, rung, finite, kind):
-    medium = rung(differing(steel, 2.04e-5))
+def test_equation_16_holds_to_rounding(steel, make, finite, kind):
+    medium = make(differing(steel, 2.04e-5))
     loads = np.array([getattr(medium.at_overlap(part * 8e-3), kind) for part in (1e-3, 0.01, 0.1)])
     state = getattr(medium, f"at_{kind}")(loads, finite_overlap=finite)
     v, m = gp.sound_velocities(state), gp.moduli(state)
@@ -589,20 +530,20 @@ def test_equation_16_holds_to_rounding(steel, rung, finite, kind):
     assert_allclose(gp.sound_velocities(one).longitudinal, v.longitudinal[1], rtol=1e-14)
 
 
-@every_rung
-def test_a_second_load_is_no_flag(packing, rung):
+@every_law
+def test_a_second_load_is_no_flag(packing, make):
     for kind in ("force", "pressure", "overlap"):
         with pytest.raises(TypeError, match="positional"):
-            getattr(rung(packing), f"at_{kind}")(2.0e-6, 18.446e-6)
+            getattr(make(packing), f"at_{kind}")(2.0e-6, 18.446e-6)
 
 
-@every_rung
+@every_law
 @pytest.mark.parametrize("flag", [1, 0, "yes", 18.446, [True]])
-def test_finite_overlap_is_true_or_false(packing, rung, flag):
+def test_finite_overlap_is_true_or_false(packing, make, flag):
     for kind in ("force", "pressure", "overlap"):
         with pytest.raises(InputError, match=r"finite_overlap: found .*allowed: true or false"):
-            getattr(rung(packing), f"at_{kind}")(1e-6, finite_overlap=flag)
-    assert rung(packing).at_force(1.0, finite_overlap=np.True_).finite_overlap is True
+            getattr(make(packing), f"at_{kind}")(1e-6, finite_overlap=flag)
+    assert make(packing).at_force(1.0, finite_overlap=np.True_).finite_overlap is True
 
 
 MEDIA = [

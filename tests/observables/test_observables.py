@@ -130,42 +130,6 @@ def test_pulses_are_long_waves_down_to_a_trillionth_of_the_top(state, part, angl
     assert_allclose(pulse.group, expected, rtol=1e-13)
 
 
-@pytest.mark.parametrize("lattice", ["square", "kagome"])
-def test_pulses_on_other_lattices_tend_to_long_waves(steel, lattice):
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(1.0)
-    for direction in DIRECTIONS:
-        limit = gp.sound_velocities(state, direction)
-        pulse = gp.pulse_velocities(state, 1e-6, direction)
-        assert_allclose(pulse.phase, [limit.longitudinal, limit.transverse], rtol=1e-10)
-        assert_allclose(pulse.group, [limit.longitudinal, limit.transverse], rtol=1e-8)
-
-
-def test_arrays_of_loads_and_frequencies_equal_scalars(packing):
-    medium = gp.AveragedLattice(packing)
-    loads = np.array([[1.0, 2.0, 5.0], [10.0, 18.446, 30.0]])
-    many = gp.pulse_velocities(medium.at_force(loads), 6500.0, (0.3, 0.7))
-    assert many.phase.shape == many.group.shape == many.wavenumber.shape == (2, 2, 3)
-    for index in np.ndindex(loads.shape):
-        one = gp.pulse_velocities(medium.at_force(loads[index]), 6500.0, (0.3, 0.7))
-        for name in ("phase", "group", "wavenumber"):
-            assert_allclose(getattr(many, name)[:, *index], getattr(one, name), rtol=1e-13)
-    frequencies = np.array([100.0, 5000.0, 9000.0])
-    both = gp.pulse_velocities(medium.at_force(loads), frequencies)
-    assert both.phase.shape == (2, 2, 3)
-    assert_allclose(both.group[:, 1, 2], gp.pulse_velocities(medium.at_force(30.0), 9000.0).group, rtol=1e-13)
-    velocities = gp.sound_velocities(medium.at_force(loads))
-    assert velocities.longitudinal.shape == (2, 3)
-    assert_allclose(velocities.longitudinal[1, 1], gp.sound_velocities(medium.at_force(18.446)).longitudinal, rtol=1e-15)
-    for overlap in (False, True):
-        states, state = (medium.at_force(load, finite_overlap=overlap) for load in (loads, 2.0))
-        moduli = gp.moduli(states)
-        assert moduli.tensor.shape == (2, 3, 3, 3)
-        assert_allclose(moduli.bulk[0, 1], gp.moduli(state).bulk, rtol=1e-14)
-        arrays = gp.sound_velocities(states)
-        single = gp.sound_velocities(medium.at_force(5.0, finite_overlap=overlap))
-        assert_allclose(arrays.transverse[0, 2], single.transverse, rtol=1e-14)
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_frequency_out_of_reach_names_the_top_of_the_branch(twin, state, direction, name):
@@ -233,32 +197,6 @@ def test_frequencies_near_the_largest_number_are_out_of_reach(state, frequency):
 def test_frequencies_without_digits_are_refused(state, frequency):
     with pytest.raises(InputError, match="has lost digits"):
         gp.pulse_velocities(state, frequency)
-
-
-@pytest.mark.parametrize("bad", [("rotational",), (), ("longitudinal", "shear")])
-def test_branches_that_cannot_be(state, bad):
-    with pytest.raises(InputError, match="branch"):
-        gp.pulse_velocities(state, 6500.0, branches=bad)
-
-
-def test_finite_overlap_pulses_over_loads_and_frequencies(packing):
-    medium = gp.AveragedLattice(packing)
-    loads, frequencies = np.array([[5.0], [5000.0]]), np.array([3000.0, 6500.0, 9000.0])
-    many = gp.pulse_velocities(medium.at_force(loads, finite_overlap=True), frequencies, (0.3, 0.7))
-    assert many.phase.shape == (2, 2, 3)
-    for row, column in np.ndindex(2, 3):
-        state = medium.at_force(loads[row, 0], finite_overlap=True)
-        one = gp.pulse_velocities(state, frequencies[column], (0.3, 0.7))
-        for name in ("phase", "group", "wavenumber"):
-            assert_allclose(getattr(many, name)[:, row, column], getattr(one, name), rtol=1e-13)
-
-
-def test_finite_overlap_of_the_experiment_is_small(packing, state):
-    following = gp.AveragedLattice(packing).at_force(state.force, finite_overlap=True)
-    here, there = gp.pulse_velocities(state, 6500.0), gp.pulse_velocities(following, 6500.0)
-    change = np.abs(there.phase / here.phase - 1)
-    assert np.all(change < 3 * state.relative_overlap)
-    assert np.all(change > 0.1 * state.relative_overlap)
 
 
 def test_a_wide_spread_is_warned_of():

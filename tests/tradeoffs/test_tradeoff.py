@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -23,14 +23,14 @@ from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
 from granphon.cli.commands import main
 from granphon.cli.wording import describe_tradeoff
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
-from granphon.runs.store import Store, encode, open_store, read_entries
+from granphon.runs.store import encode, open_store
 from granphon.tradeoffs import disorder as disorder_module
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.disorder import Disorder
 from granphon.tradeoffs.ensemble import observe
 from granphon.tradeoffs.measure import BETTER, MeasuredPoint, TradeOff, carry_out, tradeoff
 from granphon.tradeoffs.media_study import MediaStudy, choose_study
-from granphon.tradeoffs.study import Deadline, Point, Reference, Stopwatch, Study
+from granphon.tradeoffs.study import Deadline, Point, Reference, Stopwatch
 from tests.conftest import only
 
 WIDTH = 2.04e-6
@@ -125,14 +125,14 @@ def whenever():
 # -- counted work -------------------------------------------------------------------------------------------------------
 
 
-class FakeStudy(Study):
+class FakeStudy:
     """Points that take so many seconds and have such errors, and a reference that takes its time."""
 
-    def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False, name="fake"):
+    def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False):
         self.clock, self.costs, self.taken, self.fails, self.estimated = clock, costs, reference, fails, estimated
-        self.name = name
         self.solved = []
 
+    name = "fake"
     observed = ("longitudinal",)
     loads = (1.0, 2.0)
 
@@ -175,66 +175,34 @@ def clock():
     return WorkCounter()
 
 
-def measure(*asked, **options):
-    """Carry out fake studies on the clock of the first."""
-    return carry_out(asked, "force", **options, stopwatch=asked[0].clock)
+def measure(study, **options):
+    """Carry out a fake study on its own clock."""
+    return carry_out(study, "force", **options, stopwatch=study.clock)
 
 
-def test_studies_side_by_side_find_what_they_find_in_turn(clock):
-    def make():
-        return [FakeStudy(clock, [("m", "a", 1.0, 1e-2), ("n", "b", 2.0, 1e-3)], name=name) for name in ("one", "two")]
+@pytest.mark.parametrize("by_executor", [False, True])
+def test_a_finished_study_is_kept_until_its_trade_off_is(clock, tmp_path, by_executor):
+    """It is not measured again; another trade-off is refused, and nothing is left at the end."""
 
-    with ThreadPoolExecutor(1) as executor:
-        found = measure(*make(), budget=1000.0, executor=executor)
-    expected = measure(*make(), budget=1000.0)
-    assert [point.ran for point in found.points] == [True] * 4
-    for one, other in zip(found.points, expected.points, strict=True):
-        assert (one.study, one.method, one.knob, one.failure) == (other.study, other.method, other.knob, other.failure)
-        assert np.array_equal(one.errors, other.errors)
-        assert one.seconds == pytest.approx(other.seconds, rel=1e-4)  # each look at the clock counts
-    assert found.references == expected.references == {"one": "by hand", "two": "by hand"}
+    def run(study, store, budget=1000.0):
+        with ThreadPoolExecutor(1) if by_executor else nullcontext() as executor:
+            return measure(study, budget=budget, executor=executor, store=store, identity={"budget": budget})
 
-
-@pytest.mark.parametrize("side_by_side", [False, True])
-def test_an_interrupted_trade_off_goes_on_from_its_finished_studies(clock, tmp_path, side_by_side):
-    """As often as it is interrupted, and within one budget; another one is refused, and none is left at the end."""
-
-    def make(interrupted=None):
-        asked = [
-            FakeStudy(clock, [("m", "a", seconds, 1e-2)], name=name)
-            for name, seconds in (("one", 2.0), ("two", 1.0), ("3", 1.0))
-        ]
-        for study in asked:
-            if study.name == interrupted:
-                study.find_reference = lambda *_: (_ for _ in ()).throw(KeyboardInterrupt())
-        return asked
-
-    def run(asked, budget=1000.0):
-        with ThreadPoolExecutor(1) if side_by_side else nullcontext() as executor, open_store(tmp_path / "store") as store:
-            given = {"executor": executor, "store": store, "identity": {"budget": budget}}
-            return measure(*asked, budget=budget, **given)
-
-    expected = run(make())
+    first, other, again = (FakeStudy(clock, [("m", "a", 2.0, 1e-2), ("n", "b", 1.0, 1e-3)]) for _ in range(3))
+    with suppress(KeyboardInterrupt), open_store(tmp_path / "store") as store:
+        expected = run(first, store)
+        raise KeyboardInterrupt
+    with (
+        pytest.raises(FileExistsInRunError, match=r"budget is 1000\.0 there, and 5\.0 here"),
+        open_store(tmp_path / "store") as store,
+    ):
+        run(other, store, 5.0)
+    with open_store(tmp_path / "store") as store:
+        assert run(again, store) == expected
+    assert [bool(study.solved) for study in (first, other, again)] == [True, False, False]
     assert list(tmp_path.iterdir()) == []
-    done = set()
-    for name in ("two", "two"):
-        asked = make(name)
-        with pytest.raises(KeyboardInterrupt):
-            run(asked)
-        assert not [study.name for study in asked if study.solved and study.name in done]
-        done = {entry.rpartition("-")[2] for entry in dict(read_entries(tmp_path / "store"))}
-        assert ("one" in done, name in done) == (True, False)  # side by side the others may end before
-    with pytest.raises(FileExistsInRunError, match=r"budget is 1000\.0 there, and 5\.0 here"):
-        run(make(), 5.0)
-    asked = make()
-    found = run(asked)
-    assert {study.name for study in asked if not study.solved} == done
-    assert list(tmp_path.iterdir()) == []
-    assert [(p.study, p.method, p.knob, p.failure) for p in found.points] == [
-        (p.study, p.method, p.knob, p.failure) for p in expected.points
-    ]
-    assert_allclose(found.seconds, expected.seconds, rtol=1e-3)
-    assert found.references == expected.references
+    assert [point.ran for point in expected.points] == [True] * 2
+    assert expected.references == {"fake": "by hand"}
 
 
 def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(rough, monkeypatch, tmp_path):
@@ -247,23 +215,6 @@ def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(
         store.append("study", encode("study", {"seconds": np.ones(1)}))
         with pytest.raises(FileExistsInRunError, match=r"against\.friction_coefficient is 0\.2 there, and 0\.2000001 here"):
             store.claim(found[1])
-
-
-def test_the_time_of_finished_studies_counts_for_the_budget(clock, tmp_path):
-    def make():
-        return [FakeStudy(clock, [("m", "a", 1.0, 1e-2)], name=name) for name in ("one", "two")]
-
-    store = Store(tmp_path / "store")
-    first = make()
-    first[1].make_points = lambda: (_ for _ in ()).throw(KeyboardInterrupt())
-    with pytest.raises(KeyboardInterrupt):
-        measure(*first, budget=100.0, store=store)
-    clock.work(1000.0)  # between the two runs
-    again, begun = make(), clock.time
-    measure(*again, budget=100.0, store=store)
-    assert not again[0].solved
-    # one to warm up, five that are timed, each longer than the one before, and one whose memory is watched
-    assert_allclose(again[1].until - begun, 100.0 - (7 * 1.0 + 0.09 * (1 + 2 + 3 + 4 + 5)), atol=1e-3)
 
 
 class RandomStudy(FakeStudy):
@@ -346,33 +297,17 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
 
 @pytest.mark.parametrize("budget", [0.01, 1.0, 5.0, 30.0, 200.0])
 @pytest.mark.parametrize("seconds", [1e-3, 0.03, 1.0])
-def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, budget, seconds):
-    asked = [
-        FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], name=name, estimated=known)
-        for name, known in (("one", False), ("two", True), ("three", False))
-    ]
+@pytest.mark.parametrize("known", [False, True])
+def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, budget, seconds, known):
+    study = FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], estimated=known)
     begun = clock.time
-    result = measure(*asked, budget=budget)
+    result = measure(study, budget=budget)
     assert_allclose(result.seconds, clock.time - begun, atol=1e-3)
-    # points that nothing is known of are begun: one in each method of two studies
-    assert result.seconds <= budget + 2 * 2 * seconds * 2**5 * 1.1
+    # points that nothing is known of are begun: one in each method
+    assert result.seconds <= budget + (0.0 if known else 2 * seconds * 2**5 * 1.1)
     assert result.seconds <= budget or any(p.failure for p in result.points)
-    for study in asked:
-        assert study.until if hasattr(study, "until") else all(p.failure for p in result.of(study.name))
-        assert getattr(study, "until", 0.0) <= begun + budget + 1e-3
-
-
-def test_what_a_study_leaves_is_for_those_after_it(clock):
-    first, second, last = (
-        FakeStudy(clock, [("m", "1", seconds, 1e-2)], name=name)
-        for name, seconds in (("first", 0.01), ("second", 0.01), ("last", 3.0))
-    )
-    result = measure(first, second, last, budget=100.0)
-    assert not any(point.failure for point in result.points)
-    # of a hundred seconds: six tenths, then half of what is left, then all that is left
-    assert_allclose(first.until - 100.0, 60.0, atol=0.1)
-    assert_allclose(second.until - 100.0, 50.0, atol=0.2)
-    assert_allclose(last.until - 100.0, 100.0, atol=0.1)
+    assert study.until if hasattr(study, "until") else all(p.failure for p in result.points)
+    assert getattr(study, "until", 0.0) <= begun + budget + 1e-3
 
 
 def test_failures_are_told_in_their_own_words(clock):
@@ -426,17 +361,13 @@ def test_labels_stay_inside_their_axes(clock):
     assert all(frame.x0 < one.x0 and one.x1 < frame.x1 and frame.y0 < one.y0 and one.y1 < frame.y1 for one in labels)
 
 
-def test_axes_of_points_that_lie_close_have_tick_labels(clock):
-    costs = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
-    (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
-    assert labelled(ax)
-
-
-def test_an_error_of_nothing_is_a_mark_at_the_bottom(clock):
-    study = FakeStudy(clock, [("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)])
-    (ax,) = tradeoff_figure(measure(study, budget=100.0)).axes
-    assert [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"] == [1]
-    assert labelled(ax)
+def test_axes_of_points_that_lie_close_or_have_no_error_have_tick_labels(clock):
+    """An error of nothing is a mark at the bottom."""
+    close = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
+    for costs, marks in ((close, []), ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], [1])):
+        (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
+        assert [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"] == marks
+        assert labelled(ax)
 
 
 def test_a_point_that_the_reference_does_not_judge_says_so(clock):
@@ -476,15 +407,11 @@ def test_what_cannot_be_asked(rough, options, told):
         tradeoff(rough, **options)
 
 
-def test_another_lattice_of_balls_that_differ_is_not_judged(steel):
-    for lattice in ("square", "kagome"):
-        with pytest.raises(InputError, match=f"on the {lattice} lattice"):
-            tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0)
-
-
 @pytest.mark.parametrize(
     ("lattice", "finite", "told"),
     [
+        ("square", False, "on the square lattice"),
+        ("kagome", False, "on the kagome lattice"),
         ("chain", False, "on the chain lattice.*every medium is exact"),
         ("bcc", False, "on the bcc lattice.*does not stand without friction"),
         ("fcc", True, "with finite overlap.*paper's limit only"),

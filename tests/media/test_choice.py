@@ -95,12 +95,6 @@ def test_what_is_no_medium(value, told):
     assert told in str(error.value)
 
 
-def test_a_choice_checks_itself():
-    for arguments in (("emma",), ("ala", (("seed", 1),)), ("simulation", (("samples", 0),))):
-        with pytest.raises(InputError, match=r"medium.*allowed: "):
-            MediumChoice(*arguments)
-
-
 def test_only_one_of_them_leaves_the_choice_to_the_load():
     for name in MEDIA.keys() - {"auto"}:
         MediumChoice(name).require_fixed("a fit")
@@ -131,17 +125,3 @@ def test_of_the_paper_s_local_field_nothing_is_known(steel):
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     choice = MediumChoice.parse({"ema": {"local_field": "paper"}})
     assert choice.expected_error(packing, Load("force", [10.0, 20.0])).tolist() == [np.inf, np.inf]
-
-
-def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):
-    def asked():
-        raise AssertionError("nobody asked for an error")
-
-    monkeypatch.setattr("granphon.media.choice.accuracy", asked)
-    scene = gp.Scene.from_text(
-        "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
-        "packing: {diameter: 1 mm, spread: {uniform: 0.3 um}}\nload: {force: 1 N}\nmedium: ema\n"
-    )
-    assert scene.state().medium == "ema"
-    with pytest.raises(AssertionError, match="nobody asked"):
-        _ = scene.plan.serving.errors
