@@ -532,6 +532,21 @@ def test_limits_of_given_overlaps_lead_to_the_same_forces(monkeypatch):
     np.testing.assert_allclose(lagged.contacts.shears, sharp.contacts.shears, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("mu", [0.2, math.inf])
+def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu):
+    """The states of a refined path, and the same path with each of its steps in two."""
+    paths, seen = history((6, 6), mu, 3e-4, seed=1), []
+    original = paths._refine
+    paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
+    last = run(paths, ramp(0.5, 1.0, steps=2))[-1]
+    assert len(seen) == last.steps > 4
+    ends = [0.0, *(state.overlap for state in seen)]
+    halves = [ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
+    twice = run(history((6, 6), mu, seed=1), halves)
+    assert abs(twice[-1].force / last.force - 1.0) < 3e-4
+    assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
+
+
 @pytest.mark.claim("friction-steps")
 @RATIOS
 @pytest.mark.parametrize("mu", [0.2, math.inf])
