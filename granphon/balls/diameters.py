@@ -199,15 +199,13 @@ class _Listed(Spread):
 
     diameters: tuple[float, ...]
 
-    #: (n,) fractions that need not sum to one; None for diameters that are all equally likely
-    fractions: tuple[float, ...] | None = None
+    def _compute_shares(self) -> Array:
+        return np.full(len(self.diameters), 1.0 / len(self.diameters))
 
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
         """Mean diameter, m; deviations of the different diameters, m, ascending; their probabilities."""
-        n = len(self.diameters)
-        shares = np.full(n, 1.0 / n) if self.fractions is None else np.array(self.fractions) / math.fsum(self.fractions)
-        places, weights = merge(np.array(self.diameters), shares)
+        places, weights = merge(np.array(self.diameters), self._compute_shares())
         off = places - places[0]  # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
@@ -250,7 +248,7 @@ class Discrete(_Listed):
     """
 
     diameters: tuple[float, ...]
-    fractions: tuple[float, ...] = field()
+    fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "diameters", finite_list("diameters", self.diameters, "m", "above zero"))
@@ -266,6 +264,9 @@ class Discrete(_Listed):
         if abs(over) > _ROUNDED:
             what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
             raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
+
+    def _compute_shares(self) -> Array:
+        return np.array(self.fractions) / math.fsum(self.fractions)
 
 
 @dataclass(frozen=True)
