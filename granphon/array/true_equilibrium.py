@@ -57,14 +57,14 @@ _MOST_STIFF = 0.8
 _LIGHT = 1e-3
 #: largest number of times that loose balls, and then all together, are brought nearer to rest; from a saddle, where rounding
 #: alone decides which way to go, the way down takes some ten of them
-_ROUNDS = 150
+_ROUNDS = 60
 #: force that may be left on a loose ball, over the mean, in units of W/d or of what is left on others, if that is less
 _OF_LOOSE = 1e-3
 #: force left on a ball after a step, over the most before it, from which the ball counts as loose too
 _FAILED = 0.3
-#: force left on a ball after a whole step of Newton's method, over the mean, from which the step is not taken; loose balls
-#: that it pushes into others are left with up to about one
-_TOO_FAR = 3.0
+#: force left on a ball after a whole step of Newton's method, over the mean, from which the step is not taken. Loose balls
+#: that it pushes into others are left with up to some forty, and come to rest sooner than by shorter steps
+_TOO_FAR = 1e2
 #: relative residual of the equations of a step, at most: with more of it soft motions are hardly solved for, and come to
 #: rest over many steps more (128 x 128 balls at a* = 0.4: 43 steps with 0.1, 29 with 0.01, 36 with 0.001)
 _INEXACT = 1e-2
