@@ -14,7 +14,7 @@ import ase.build
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -431,6 +431,7 @@ FCC = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]]) / math.sqrt(
 
 @given(m=st.integers(-5, 5), n=st.integers(-5, 5), radius=st.floats(0.5, 4.0))
 def test_lattice_vectors_within_a_sphere_whatever_the_cell(m, n, radius):
+    assume(abs(2.0 * radius**2 - round(2.0 * radius**2)) > 1e-9)  # of points on the sphere itself rounding decides
     skew = np.array([[1, m, 0], [0, 1, n], [0, 0, 1]])
     few, many = steps_within(FCC, radius), steps_within(skew @ FCC, radius)
     assert sorted(map(tuple, many @ skew)) == sorted(map(tuple, few))
