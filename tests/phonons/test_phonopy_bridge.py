@@ -296,20 +296,23 @@ def test_the_difference_of_constants_is_as_said(tmp_path):
     assert abs(constant_ratio(tmp_path) - 1.0) < 2e-7
 
 
+#: of Euphonic, the modes of a file of bands: frequencies, wave vectors, eigenvectors and masses
+READ_MODES = (
+    EUPHONIC.format(names="QpointPhononModes")
+    + """
+modes = QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
+print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real.tolist(), modes.eigenvectors.imag.tolist(),
+                  modes.crystal.atom_mass.to("unified_atomic_mass_unit").magnitude.tolist()]))
+"""
+)
+
+
 @pytest.mark.claim("euphonic-bands")
 @pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome"])
 def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
     bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
     bands.write(tmp_path / "band.yaml")
-    found = script(
-        tmp_path,
-        EUPHONIC.format(names="QpointPhononModes")
-        + """
-modes = QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
-print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real.tolist(), modes.eigenvectors.imag.tolist(),
-                  modes.crystal.atom_mass.to("unified_atomic_mass_unit").magnitude.tolist()]))
-""",
-    )
+    found = script(tmp_path, READ_MODES)
     top = HertzPrefix.for_top(bands.frequencies.max()).hertz
     s, p, b = bands.frequencies.shape
     np.testing.assert_allclose(found[0], bands.frequencies.reshape(-1, b) / top, rtol=1e-13, atol=1e-13)
@@ -354,15 +357,8 @@ def test_bands_go_through_their_file(exported, tmp_path):
 def test_euphonic_reads_bands_with_two_atoms_a_ball(tmp_path):
     bands = phonons_of("fcc").bands([[0.1, 0.0, 0.0], [0.3, 0.2, 0.4]], npoints=4)
     bands.write(tmp_path / "band.yaml")
-    found = script(
-        tmp_path,
-        EUPHONIC.format(names="QpointPhononModes")
-        + """
-modes = QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
-print(json.dumps([terahertz(modes), modes.eigenvectors.real.tolist(), modes.eigenvectors.imag.tolist()]))
-""",
-    )
-    vectors = np.array(found[1]) + 1j * np.array(found[2])  # (q, branch, atom, 3)
+    found = script(tmp_path, READ_MODES)
+    vectors = np.array(found[2]) + 1j * np.array(found[3])  # (q, branch, atom, 3)
     hertz = head(tmp_path / "band.yaml")["hertz"] if "\nphonopy:" in (tmp_path / "band.yaml").read_text() else 1e3
     np.testing.assert_allclose(found[0], bands.frequencies[0] / hertz, rtol=1e-13, atol=1e-13)
     spins = np.sum(np.abs(vectors[:, :, 1]) ** 2, axis=2)
