@@ -212,9 +212,9 @@ class Crystal:
     def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
         """Make a crystal from ``atoms``, an ``ase.Atoms`` with lengths in m, with one of ``balls`` for each chemical symbol.
 
-        ``options`` are those of the class. The crystal repeats along the vectors of the cell that are periodic. Where all balls
-        have the same z and none of the periods leaves the plane, it is one of the plane; on a line it is a chain. Kinds are
-        called by their symbols.
+        ``options`` are those of the class. The crystal repeats along the vectors of the cell that are periodic. Where all
+        balls have the same z and none of the periods leaves the plane, it is one of the plane; on a line it is a chain.
+        Kinds are called by their symbols.
 
         Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for what the class does not allow.
         """
