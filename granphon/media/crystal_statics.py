@@ -376,7 +376,7 @@ class _System:
             for b in range(d):
                 blocks[:, a, b] = np.bincount(owner, weight * full[:, a] * full[:, b], n // d)
         mean = float(np.mean(np.trace(blocks, axis1=1, axis2=2)))
-        return diagonal, np.linalg.inv(blocks + 1e-6 * mean * np.eye(d))
+        return diagonal, np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
 
 
 # -- in the true geometry ---------------------------------------------------------------------------------------------------
