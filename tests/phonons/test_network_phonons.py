@@ -38,9 +38,10 @@ def sample():
 # -- the packings' own numbers -------------------------------------------------------------------------------------------
 
 STATES = {
-    "triangular": {}, "smooth": {"friction": False}, "finite overlap": {"finite_overlap": True}, "square": {"lattice": "square"},
-    "kagome": {"lattice": "kagome"}, "chain": {"lattice": "chain", "motions": "all", "torsion": 0.1}, "fcc": {"lattice": "fcc"},
-    "hcp": {"lattice": "hcp", **RESISTED}, "finite fcc": {"lattice": "fcc", "finite_overlap": True},
+    "triangular": {}, "smooth": {"friction": False}, "finite overlap": {"finite_overlap": True},
+    "square": {"lattice": "square"}, "kagome": {"lattice": "kagome"}, "fcc": {"lattice": "fcc"},
+    "chain": {"lattice": "chain", "motions": "all", "torsion": 0.1}, "hcp": {"lattice": "hcp", **RESISTED},
+    "finite fcc": {"lattice": "fcc", "finite_overlap": True},
 }  # fmt: skip
 
 
