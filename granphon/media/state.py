@@ -371,19 +371,19 @@ class ContactState(Result):
         """
         return {}
 
-    def contact_network(self, shape: tuple[int, ...]) -> ContactNetwork:
-        """Return the array of ``shape`` (L1, ..., Lp) cells of the lattice at this load, as a network of contacts.
+    @property
+    def network(self) -> ContactNetwork:
+        """One cell of the lattice at this load, as a network of contacts, which ``repeat`` makes an array.
 
         With finite overlap it has the spacing a and prestress. Raises :class:`~granphon.base.errors.InputError` for several
-        loads, for another number of periods, and for a state of samples, which have networks of their own.
+        loads, and for a state of samples, which have networks of their own.
         """
         if self.samples:
             what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
             raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
         lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
-        one = lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
-        return one.repeat(shape)
+        return lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
 
     @property
     def wave_names(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
+from granphon.phonons.paths import BandPath
 from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
 
 # -- bands --------------------------------------------------------------------------------------------------------------
@@ -165,6 +166,7 @@ def test_each_lattice_has_a_path(lattice):
 def test_cells_of_the_plane_that_are_neither_square_nor_hexagonal_have_ases_path():
     oblong = gp.Lattice("oblong", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
     assert phonons_of(oblong).bands(npoints=2).labels == ("G", "X", "S", "Y", "G", "S")
+    assert BandPath.default(oblong).names == ("G", "X", "S", "Y", "G", "S")  # that of a scene
 
 
 def test_polarisation_along_a_cube_axis():

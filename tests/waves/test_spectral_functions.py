@@ -563,7 +563,7 @@ def test_mean_free_path_and_ioffe_regel():
 def perfect(name, shape):
     """The lattice at its default stiffness, and the waves of a perfect array that knows its lattice."""
     state = gp.AveragedLattice(gp.Packing(STEEL, UNITS.length, lattice=name)).at_force(1.0)
-    return ideal(name, shape)[0], gp.Waves(ContactNetwork.from_state(state, shape))
+    return ideal(name, shape)[0], gp.Waves(state.network.repeat(shape))
 
 
 #: the triangular lattice, in a cell so skewed that the shortest wave vectors are far from the corners around a point of it
