@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -97,7 +98,10 @@ def plot_bands(
     if crowded:
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max()))
-    for number, (low, high) in enumerate(np.reshape([] if gaps is None else gaps, (-1, 2)) / unit.hertz):
+    intervals = np.zeros((0, 2)) if gaps is None else real_array("gaps", gaps)
+    if intervals.ndim != 2 or intervals.shape[1] != 2 or not np.all(np.isfinite(intervals)):
+        raise InputError(message(f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz"))
+    for number, (low, high) in enumerate((intervals / unit.hertz).tolist()):
         ax.axhspan(low, high, color=_GAP, linewidth=0.0, zorder=0.2, label="_" * bool(number) + "gap", gid=f"gap-{number}")
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)

@@ -101,6 +101,10 @@ class Springs:
         """Stiffnesses, N/m."""
         return self._find("stiffness", overlap)
 
+    def stiffness_slope(self, overlap: Array) -> Array:
+        """Slopes of the stiffnesses, N/m^2."""
+        return self._find("stiffness_slope", overlap)
+
     def energy(self, overlap: Array) -> Array:
         """Energies, J."""
         return self._find("energy", overlap)
