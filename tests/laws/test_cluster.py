@@ -24,6 +24,7 @@ from granphon.laws.cluster_descent import ClusterDescent
 from granphon.laws.cluster_points import ClusterPoints, PointSource, draw_points
 from granphon.media.choice import MediumChoice
 from granphon.runs.workers import Workers
+from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
@@ -370,27 +371,34 @@ def test_many_sets_have_the_moments_of_the_array_and_share_no_point():
         assert abs(third) < 1e-6 if shape is FLAT else third > 0.01
 
 
-@pytest.mark.parametrize("processors", [2, 5])
+@pytest.fixture
+def processors(monkeypatch):
+    """How many there are said to be, in a list that a test may change."""
+    found = [3]
+    monkeypatch.setattr(threads, "count_processors", lambda: found[0])
+    return found
+
+
 def test_the_number_of_threads_changes_no_digit(processors, monkeypatch):
+    monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
     response = cluster_response(TRIANGULAR, 0.0)
     few = draw_points(response, FLAT, 64, 2)
 
     def solve(count):
-        monkeypatch.setattr(threads, "count_processors", lambda: count)
-        monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
+        processors[0] = count
         balance, descent = ClusterBalance(response, few), ClusterDescent(response, FLAT, few)
         found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
         return found, descent.refine(found, 1e-3, 1)
 
-    (one, refined), (other, again) = solve(1), solve(processors)
+    (one, refined), (other, again) = solve(1), solve(5)
     assert one.effective == other.effective
     assert_array_equal(one.realisations, other.realisations)
     assert_array_equal(refined.means, again.means)
     assert refined.error == again.error
 
 
-def test_work_is_shared_out_in_order_and_its_errors_are_raised(monkeypatch):
-    monkeypatch.setattr(threads, "count_processors", lambda: 3)
+@pytest.mark.usefixtures("processors")
+def test_work_is_shared_out_in_order_and_its_errors_are_raised():
     assert threads.share_out(lambda n: n * n, range(20)) == [n * n for n in range(20)]
     assert threads.share_out(abs, []) == []
     with pytest.raises(ZeroDivisionError):
@@ -507,9 +515,11 @@ def test_force_is_near_that_of_the_simulated_array(medium):
     assert_allclose(cluster.normal_stiffness, array.normal_stiffness, rtol=0.05)
 
 
+SKEWED = gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))
+
+
 @pytest.mark.parametrize(
-    "spread",
-    [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))],
+    "spread", only([SKEWED], [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), SKEWED])
 )
 def test_other_distributions_agree_with_the_effective_medium_at_high_load(spread):
     packing = gp.Packing(STEEL, 8e-3, spread, friction=False)
