@@ -34,6 +34,8 @@ from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
 from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium
+from .media.crystal import Crystal as Crystal
+from .media.crystal import CrystalState as CrystalState
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
