@@ -284,6 +284,7 @@ def equilibrate_exactly(
     state = path.part() or path.lead()
     found = replace(state, newton=start.newton + path.newton, conjugate=start.conjugate + path.conjugate)
     vars(found)["place"] = state.place
+    geometry.held.forget()  # many samples may be kept, each with a large Green's function
     return found.share(deviations, stencils)
 
 
