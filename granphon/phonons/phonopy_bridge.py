@@ -178,7 +178,7 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         scale, n = float(read_numbers("force_constants_scale", scale, ())), len(masses)
         points = data["unit_cell"]["points"]
         symbols, (motions, periods) = [point["symbol"] for point in points], read_motions(own)
-        if len(points) != n + 1 or symbols != [*name_atoms(n // motions.atoms_per_ball, motions), _AUXILIARY]:
+        if len(points) != n + 1 or symbols != [*name_atoms(masses[:: motions.atoms_per_ball], motions), _AUXILIARY]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
         # granphon writes no other supercell, and phonopy may never return from one
         matrix = np.array(data["supercell_matrix"])
