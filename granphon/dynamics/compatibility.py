@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.arguments import finite_array, not_negative, real_array
 from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
+from granphon.base.validation import finite_array, not_negative, real_array
 from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 GYRATION = float(1.0 / np.sqrt(10.0))
 #: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its copies
 _FARTHEST = 1e15
+#: most memory of a wave vector, bytes
+MOST_BYTES = 2**33
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -137,6 +139,22 @@ class Compatibility:
     def periods(self) -> int:
         """Number p of lattice vectors."""
         return len(self.cell)
+
+    @cached_property
+    def bytes_per_wavevector(self) -> int:
+        """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector are found."""
+        contacts, n = len(self.contacts), self.n_branches
+        return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
+
+    def require_memory(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if one wave vector takes more memory than is reasonable."""
+        if self.bytes_per_wavevector > MOST_BYTES:
+            what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
+            why = (
+                f"One wave vector takes {self.bytes_per_wavevector / 2**30:.2g} GiB of memory, more than {MOST_BYTES >> 30}"
+            )
+            mend = "Take a smaller cell, or gp.Waves(network), whose matrices are sparse"
+            raise InputError(message(what, why, mend))
 
     @cached_property
     def is_held(self) -> bool:
@@ -279,6 +297,7 @@ class Compatibility:
         Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
         displacements of the centre of mass it is exactly zero.
         """
+        self.require_memory()
         motion = self._frame / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
         motion = np.pad(motion, ((0, 1), (0, 0)))  # the last is a body that does not move

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import ContactTable, contact_frames
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.base.arguments import not_negative, positive, real_array
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result, read_only
+from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.long_waves import LongWaves
@@ -35,6 +35,8 @@ _NEAR_GAMMA = 1e-30
 _BESIDE_GAMMA = 1e-4
 #: part of a unit vector that is more than of first order in that
 _APART = 1e-2
+#: number of balls in a cell above which its top frequency hardly depends on the wave vector
+_MANY_BALLS = 200
 #: part of a period across the line or plane in which it lies, but for rounding
 _LEVEL = 1e-12
 
@@ -207,9 +209,12 @@ class ContactLattice(LongWaves):
     def top_frequency(self) -> float:
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and X.
 
-        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own.
+        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own; in one of hundreds
+        of balls it is Gamma alone.
         """
         fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        if self.n_balls > _MANY_BALLS:
+            fractions = np.zeros(1)
         grid = np.stack(np.meshgrid(*[fractions] * self.periods), axis=-1).reshape(-1, self.periods)
         return float(self.frequencies(self.wavevectors(grid)).max())
 
@@ -236,14 +241,18 @@ class ContactLattice(LongWaves):
             raise InputError(
                 message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
             )
+        parts = [self._find_modes(asked[part], along[part]) for part in self._split(len(asked))]
+        return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    def _find_modes(self, asked: Array, along: Array) -> tuple[NDArray[Any], ...]:
+        """Return what :class:`Modes` holds, at a few wave vectors."""
         q, taken = self._fold(asked)
         # at Gamma itself everything is its limit along the direction, and very near it the limit along q
         at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(faint):
             near[faint] = _NEAR_GAMMA * as_direction(q[faint], self.periods)
-        parts = [self._solve_with_velocities(near[part], along[part]) for part in self._split(len(q))]
-        values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        values, vectors, velocities = self._solve_with_velocities(near, along)
         limit = at_gamma | faint
         if np.any(limit):
             found = _follow_powers(q[limit], near[limit], values[limit], vectors[limit], velocities[limit])
@@ -262,12 +271,12 @@ class ContactLattice(LongWaves):
         if self.periods == 2 and 2 in self.motions.translations:
             beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
         physical = motion.reshape(len(q), self.n_branches, -1)
-        return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside)
+        return asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside
 
     def _solve(self, q: Array) -> Array:
         """Find frequencies."""
         try:
-            values = [block.solve(q)[0] for block in self._blocks]
+            values = [block.find_frequencies(q) for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
         return values[0] if len(values) == 1 else np.sort(np.concatenate(values, axis=1), axis=1)

@@ -11,11 +11,11 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.text import counted
+from granphon.base.validation import whole_number
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.observables.validity import find_network_warnings
+from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import MOST_MOMENTS, AllModes, RandomVectors, SpectralDensity
 from granphon.waves.eigenproblem import DENSE
@@ -81,7 +81,7 @@ class Waves:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`."""
-        return find_network_warnings(self.network)
+        return check_network(self.network).warnings
 
     @cached_property
     def operator(self) -> WaveOperator:
