@@ -28,12 +28,11 @@ from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling
-from granphon.base.arguments import finite_array, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import lengths, require, truth
+from granphon.base.validation import finite_array, lengths, real_array, require, truth, whole_number
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
