@@ -280,7 +280,7 @@ def _descend(
         stiffness = springs.stiffness(overlap)
         closed = stiffness[stiffness > 0.0]
         added = _ADDED * min(1.0, residual) * float(np.mean(closed)) if closed.size else mean / frame.length
-        step = system.solve(stiffness + added, pull, min(0.1, max(0.1 * residual**0.5, 1e-5)), mean)
+        step = system.solve(stiffness + added, pull, min(0.1, max(0.1 * residual**0.5, 1e-4)), mean)
         change = np.asarray(press @ step)
         length = _find_length(springs, overlap, change, force, float(pull @ step), residual)
         if length is None:
