@@ -529,7 +529,8 @@ class Crystal:
         place[free] = np.arange(np.count_nonzero(free))
         n_free = d * int(np.count_nonzero(free))
         pairs = tuple((a, b) for a in range(p) for b in range(a, p))
-        length = 2.0 * float(np.mean(self.radii))
+        # forces on strains, sums over all contacts, are then of the size of those on balls, root of n as these are in sum
+        length = 2.0 * float(np.mean(self.radii)) * math.sqrt(max(len(table), 1))
         first_wall = n_free + len(pairs)
         parts: list[tuple[Any, Any, Any]] = []
         rows = np.arange(len(table)) * d
