@@ -23,6 +23,7 @@ from granphon.laws.cluster_balance import ClusterBalance, PointSource
 from granphon.laws.cluster_descent import ClusterDescent
 from granphon.media.choice import MediumChoice
 from granphon.runs.workers import Workers
+from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
@@ -367,24 +368,31 @@ def test_many_realisations_take_the_quadrature_error_off(lattice):
         assert_allclose(square, force**2 * (1.0 + before.fluctuation**2), rtol=0.02)
 
 
-@pytest.mark.parametrize("processors", [2, 5])
+@pytest.fixture
+def processors(monkeypatch):
+    """How many there are said to be, in a list that a test may change."""
+    found = [3]
+    monkeypatch.setattr(threads, "count_processors", lambda: found[0])
+    return found
+
+
 def test_the_number_of_threads_changes_no_digit(processors, monkeypatch):
-    response = cluster_response(TRIANGULAR, 0.0)
     monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
+    response = cluster_response(TRIANGULAR, 0.0)
 
     def solve(count):
-        monkeypatch.setattr(threads, "count_processors", lambda: count)
+        processors[0] = count
         balance = ClusterBalance(response, draw(response, 64, 2))
         found = balance.solve(0.3, START)
         means, error, _ = ClusterDescent(balance, FLAT).refine(found, 1e-3, 1)
         return found.effective, found.realisations, means, error
 
-    for one, other in zip(solve(1), solve(processors), strict=True):
+    for one, other in zip(solve(1), solve(5), strict=True):
         assert_array_equal(one, other)
 
 
-def test_work_is_shared_out_in_order_and_its_errors_are_raised(monkeypatch):
-    monkeypatch.setattr(threads, "count_processors", lambda: 3)
+@pytest.mark.usefixtures("processors")
+def test_work_is_shared_out_in_order_and_its_errors_are_raised():
     assert threads.share_out(lambda n: n * n, range(20)) == [n * n for n in range(20)]
     assert threads.share_out(abs, []) == []
     with pytest.raises(ZeroDivisionError):
@@ -500,9 +508,11 @@ def test_force_is_near_that_of_the_simulated_array(medium):
     assert_allclose(cluster.normal_stiffness, array.normal_stiffness, rtol=0.05)
 
 
+SKEWED = gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))
+
+
 @pytest.mark.parametrize(
-    "spread",
-    [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))],
+    "spread", only([SKEWED], [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), SKEWED])
 )
 def test_other_distributions_agree_with_the_effective_medium_at_high_load(spread):
     packing = gp.Packing(STEEL, 8e-3, spread, friction=False)

@@ -215,15 +215,6 @@ def test_balls_that_adhere_need_no_load(law):
         crystal.at_pressure(-1.1 * 2 * 2**0.5 * most / gel.diameter**2)
 
 
-def test_a_tabulated_hertz_law_gives_the_numbers_of_hertz():
-    table = np.geomspace(1e-9, 1e-4, 31)
-    law = gp.TabulatedLaw(table, gp.Hertz().between(S, A).force(table))
-    wanted = gp.Crystal.on("NaCl", [S, A]).at_pressure(1e5)
-    found = gp.Crystal.on("NaCl", [S, A], law=law).at_pressure(1e5)
-    for name in ("normal_force", "overlap", "normal_stiffness", "shear_stiffness"):
-        assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12)
-
-
 def test_laws_by_pairs_of_kinds():
     laws = {("A", "B"): gp.PowerLaw(2.0, 1e12), ("C", "B"): gp.Hertz(), ("A", "C"): gp.PowerLaw(1.0, 1e6)}
     third = gp.Ball(STEEL, 10e-3)

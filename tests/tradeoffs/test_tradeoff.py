@@ -175,18 +175,13 @@ def clock():
     return WorkCounter()
 
 
-def measure(study, **options):
-    """Carry out a fake study on its own clock."""
-    return carry_out(study, **options)
-
-
 @pytest.mark.parametrize("by_executor", [False, True])
 def test_a_finished_study_is_kept_until_its_trade_off_is(clock, tmp_path, by_executor):
     """It is not measured again; another trade-off is refused, and nothing is left at the end."""
 
     def run(study, store, budget=1000.0):
         with ThreadPoolExecutor(1) if by_executor else nullcontext() as executor:
-            return measure(study, budget=budget, executor=executor, store=store, identity={"budget": budget})
+            return carry_out(study, budget=budget, executor=executor, store=store, identity={"budget": budget})
 
     first, other, again = (FakeStudy(clock, [("m", "a", 2.0, 1e-2), ("n", "b", 1.0, 1e-3)]) for _ in range(3))
     with suppress(KeyboardInterrupt), open_store(tmp_path / "store") as store:
@@ -231,7 +226,7 @@ class RandomStudy(FakeStudy):
 def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
     """In half of the time that the timed runs leave: a hundred times at most, each with numbers of its own."""
     study = RandomStudy(clock, [("m", "cheap", 0.01, 0.1), ("m", "dear", 2.0, 0.01)])
-    cheap, dear = measure(study, budget=100.0).points
+    cheap, dear = carry_out(study, budget=100.0).points
     assert [run for knob, run in study.solved if knob == "cheap"] == [*range(6), 0, *range(6, 101)]
     # two fifths of the budget, less the timed runs, and half of that
     assert dear.draws == 5 + int((0.5 * (40.0 - 7 * 2.01) - 0.95 - 1.0) / 2.0)
@@ -244,7 +239,7 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
         twin = [np.sqrt(np.mean(np.delete(drawn, i, axis=0) ** 2, axis=0)) for i in range(point.draws)]
         assert_allclose(point.stderrs[:, 0], np.std(twin, axis=0) * np.sqrt(point.draws - 1), rtol=0.2)  # the jackknife
         assert point.stderr == point.stderrs.flat[np.argmax(point.errors)]
-    (one,) = measure(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
+    (one,) = carry_out(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
     assert (one.draws, one.stderr) == (5, 0.0)
 
 
@@ -263,7 +258,7 @@ def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, r
 
 def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
     study = FakeStudy(clock, [("m", "a", 1.0, 1e-2)])
-    (point,) = measure(study, budget=1e3, runs=5).points
+    (point,) = carry_out(study, budget=1e3, runs=5).points
     # one to warm up, five that are timed, one whose memory is watched
     assert study.solved == [("a", run) for run in (0, 1, 2, 3, 4, 5, 0)]
     assert_allclose(point.seconds, 0.9 * 1.3, rtol=1e-4)
@@ -284,7 +279,7 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
         ("n", "2", 3.0, 0.1),
     ]
     study = FakeStudy(clock, costs)
-    result = measure(study, budget=300.0)
+    result = carry_out(study, budget=300.0)
     assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
     # of one method a knob that is turned further is not tried when one before it did not fit
     assert not [one for one in study.solved if one[0] == "3"]
@@ -298,7 +293,7 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
 def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, budget, seconds, known):
     study = FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], estimated=known)
     begun = clock.time
-    result = measure(study, budget=budget)
+    result = carry_out(study, budget=budget)
     assert_allclose(result.seconds, clock.time - begun, atol=1e-3)
     # points that nothing is known of are begun: one in each method
     assert result.seconds <= budget + (0.0 if known else 2 * seconds * 2**5 * 1.1)
@@ -309,7 +304,7 @@ def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, bu
 
 def test_failures_are_told_in_their_own_words(clock):
     study = FakeStudy(clock, [("m", "1", 0.1, 1e-2), ("m", "2", 0.1, 1e-2), ("m", "3", 0.1, 1e-2)], fails=("2",))
-    result = measure(study, budget=60.0)
+    result = carry_out(study, budget=60.0)
     assert [point.failure for point in result.points] == ["", "2 does not converge.", ""]
     assert not result.points[1].resolved
     rows = list(csv.DictReader(io.StringIO(result.csv())))
@@ -321,37 +316,35 @@ def test_failures_are_told_in_their_own_words(clock):
 
 def test_without_a_reference_no_point_has_an_error(clock):
     study = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], reference=None)
-    result = measure(study, budget=60.0)
+    result = carry_out(study, budget=60.0)
     assert result.points[0].failure == "there is no reference: it cannot be found."
     assert result.references == {}
     assert result.points[0].ran
-    (ax,) = tradeoff_figure(result).axes
+    ax = axes_of(result)
     assert [text.get_text() for text in ax.texts] == ["run, but without a reference"]
     assert [line.get_xdata() for line in ax.lines if line.get_gid() == "without-error"] == [[result.points[0].seconds]]
-    assert labelled(ax)
 
 
-def labelled(ax):
-    """Whether both axes have tick labels, two or more, inside."""
+def axes_of(result):
+    """The axes of its figure, drawn, which have two or more tick labels inside each."""
+    (ax,) = tradeoff_figure(result).axes
     ax.get_figure().draw_without_rendering()
     seen = []
     for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
         ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
         seen.append(sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in ticks))
-    return min(seen) >= 2
+    assert min(seen) >= 2
+    return ax
 
 
 def test_axes_on_which_there_is_nothing_have_tick_labels(clock):
-    result = measure(FakeStudy(clock, [("m", "1", 9.0, 1e-2)], estimated=True), budget=1.0)
-    (ax,) = tradeoff_figure(result).axes
+    ax = axes_of(carry_out(FakeStudy(clock, [("m", "1", 9.0, 1e-2)], estimated=True), budget=1.0))
     assert {text.get_text() for text in ax.texts} == {"nothing was run", "not run: 1 of m"}
-    assert labelled(ax)
 
 
 def test_labels_stay_inside_their_axes(clock):
     costs = [("m", "4 x 4 x 4", 0.1, 5e-3), ("m", "10 x 10 x 10", 0.3, 1e-4)]
-    (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
-    ax.get_figure().draw_without_rendering()
+    ax = axes_of(carry_out(FakeStudy(clock, costs), budget=100.0))
     frame = ax.get_window_extent()
     labels = [text.get_window_extent() for text in ax.texts if "×" in text.get_text()]
     assert len(labels) == 2
@@ -362,14 +355,13 @@ def test_axes_of_points_that_lie_close_or_have_no_error_have_tick_labels(clock):
     """An error of nothing is a mark at the bottom."""
     close = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
     for costs, marks in ((close, []), ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], [1])):
-        (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
+        ax = axes_of(carry_out(FakeStudy(clock, costs), budget=100.0))
         assert [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"] == marks
-        assert labelled(ax)
 
 
 def test_a_point_that_the_reference_does_not_judge_says_so(clock):
     study = FakeStudy(clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)])
-    good, better, bad = measure(study, budget=60.0).points
+    good, better, bad = carry_out(study, budget=60.0).points
     assert (good.resolved, good.note) == (False, "the reference is 30 times better")
     assert (better.resolved, better.note) == (False, "the error is not above that of the reference")
     assert (bad.resolved, bad.note) == (True, "")
@@ -604,34 +596,6 @@ def test_a_reference_that_does_not_fit_is_said_to(rough):
         media(rough).find_reference(Deadline(WorkCounter(), 99.0), lambda one: False, WorkCounter())
 
 
-def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, clock):
-    lists = []
-
-    def solved(shape, *_):
-        clock.work(3.0)
-        lists.append(shape)
-
-    monkeypatch.setattr("granphon.tradeoffs.study.solve_curve", solved)
-    rng = np.random.default_rng(0)
-
-    def study(count):
-        d = 8e-3 + 1e-6 * rng.standard_normal(count)
-        packing = gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist())))
-        return MediaStudy(packing, Load("force", (1.0,)), (), clock)
-
-    assert study(4).solving == 0.0
-    assert not lists
-    for count, most in ((60, 60), (150, 150), (600, 192)):  # longer lists are put together
-        found = study(count)
-        shape = found.packing.spread.shape
-        assert 0.75 * most < len(shape.positions) <= most
-        # of 20 diameters, as all openings differ: those of n diameters are n (n + 1) / 2
-        grown = shape.openings.size / 210.0
-        assert found.solving == pytest.approx(3.0 * grown**1.1, rel=1e-4)
-        assert len(lists[-1].positions) == 20
-    assert len(lists) == 3
-
-
 @pytest.mark.parametrize(
     ("load", "least"),
     [
@@ -825,16 +789,3 @@ def test_an_interruption_leaves_nothing(work, which):
     assert err.startswith("granphon: error: interrupted; no result was written.")
     assert err.count("\n") == 1
     assert [path.name for path in work.iterdir()] == ["scene.yaml"]
-
-
-def test_points_are_timed_by_what_is_asked_of_them(rough):
-    """Preparation and solution, through the study's own points."""
-    points = media(rough).make_points()
-    assert len({(point.method, point.knob) for point in points}) == len(points)
-    assert np.all(np.isfinite(points[0].solve(points[0].prepare(0))))
-    random = [point for point in points if point.random]
-    assert [point.seconds for point in random] == sorted(point.seconds for point in random)
-    # another draw in every run, and the same in the same
-    draws = [random[0].solve(random[0].prepare(run)) for run in (0, 1, 0)]
-    assert np.all(draws[0] != draws[1])
-    assert_array_equal(draws[0], draws[2])
