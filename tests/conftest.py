@@ -75,14 +75,13 @@ def without_rights(path: Path, remove: bool = True) -> Iterator[None]:
 
 
 @pytest.fixture
-def no_locks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file system that keeps no locks."""
+def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file system that keeps no locks, of a part of a file or, as its parameter says, of a whole file."""
 
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
-    for name in ("flock", "lockf"):
-        monkeypatch.setattr(pytest.importorskip("fcntl"), name, refuse)
+    monkeypatch.setattr(pytest.importorskip("fcntl"), getattr(request, "param", "lockf"), refuse)
 
 
 @pytest.fixture

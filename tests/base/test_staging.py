@@ -288,6 +288,7 @@ def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_locks")
+@pytest.mark.parametrize("no_locks", ["flock"], indirect=True)
 def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path) -> None:
     put(tmp_path, a="a")
     assert tree(tmp_path)["a"] == "a"
