@@ -112,7 +112,7 @@ SCOPES = {
     # in one go differs from one on a path of loads, in shorter steps, by more than its chance, which in space is small
     "fcc": Scope(
         three_digits([*np.geomspace(0.05, 3.0, 10), 10.0]), three_digits([*np.geomspace(0.57, 2.5, 11), 5.0]),
-        ("three kinds, 0.2 in the middle",), ("slide", "stick"), 10, 4, 10, 4, (0.06, 8.0), 8, "lattice",
+        ("three kinds, 0.2 in the middle",), ("slide", "stick"), 10, 4, 10, 4, (0.06, 8.0), 8, "exact",
     ),
 }  # fmt: skip
 
