@@ -8,6 +8,12 @@ from .array.hexagon import Hexagon as Hexagon
 from .array.hexagon import PressedHexagon as PressedHexagon
 from .array.pressed_sample import PressedSample as PressedSample
 from .array.sample import Sample as Sample
+from .balls.ball import Ball as Ball
+from .balls.contact_laws import DMT as DMT
+from .balls.contact_laws import JKR as JKR
+from .balls.contact_laws import Hertz as Hertz
+from .balls.contact_laws import PowerLaw as PowerLaw
+from .balls.contact_laws import TabulatedLaw as TabulatedLaw
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
 from .balls.diameters import Normal as Normal
@@ -28,6 +34,8 @@ from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
 from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium
+from .media.crystal import Crystal as Crystal
+from .media.crystal import CrystalState as CrystalState
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium

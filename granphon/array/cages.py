@@ -86,16 +86,18 @@ class _Clusters:
 
     def settle(self, force: float, tolerance: float) -> Array:
         """Return the displacements (p, balls) at rest."""
-        for _ in range(_STEPS):
-            pull, root, size, normal = self._find_forces(self._moved)
+        for step in range(_STEPS):
+            forces = self._find_forces(self._moved)
             left = np.zeros(self._clusters)
-            np.maximum.at(left, self._of_ball, np.sqrt(np.sum(pull**2, axis=0)) / force)
-            if np.any(left[self._of_ball] <= tolerance):
+            np.maximum.at(left, self._of_ball, np.sqrt(np.sum(forces[0] ** 2, axis=0)) / force)
+            if drop := bool(np.any(left[self._of_ball] <= tolerance)):
                 self._keep(left > tolerance)
                 if not self._numbers.size:
                     break
-                pull, root, size, normal = self._find_forces(self._moved)
-            self._move(pull, self._find_step(pull, root, size, normal, left, force), root, tolerance * force)
+                forces = self._find_forces(self._moved)
+            if drop or not step:
+                self._find_places()
+            self._move(forces[0], self._find_step(*forces, left, force), forces[1], tolerance * force)
         self._keep(np.zeros(self._clusters, bool))
         return self._balls
 
@@ -110,12 +112,25 @@ class _Clusters:
         self._means, self._of_contact = self._means[contacts], self._of_contact[contacts]
         self._moved, self._numbers, self._of_ball = self._moved[:, balls], self._numbers[balls], self._of_ball[balls]
 
+    def _find_places(self) -> None:
+        """Find where the stiffnesses of contacts, and those that hold balls, stand in the matrix of the clusters."""
+        p, count = self._moved.shape
+        a, b = self._i[None], self._j[None]
+        a, b = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
+        part, contact = np.nonzero(np.maximum(a, b) < count)
+        self._sign, self._contact, own = np.where(part < 2, 1.0, -1.0), contact, np.arange(p * count)
+        rows, columns = (p * one[part, contact] for one in (a, b))
+        axes = np.arange(p)[:, None, None]
+        rows, columns = (np.broadcast_to(one, (p, p, len(part))) for one in (rows + axes, columns + axes.swapaxes(0, 1)))
+        self._places = tuple(np.append(one, own).astype(np.int32) for one in (rows, columns))
+
     def _find_forces(self, moved: Array, some: Any = slice(None)) -> tuple[Array, Array, Array, Array]:
         """Return forces on balls, roots of overlaps, distances |w|, and directions n; see geometry.
 
         The forces are those of ``some`` contacts, to which the other arrays belong.
         """
-        padded, count, i, j = np.pad(moved, ((0, 0), (0, 1))), moved.shape[1], self._i[some], self._j[some]
+        padded, i, j = _pad(moved), self._i[some], self._j[some]
+        count = moved.shape[1]
         straight = self._normal[:, some]
         v = self._fixed[:, some] + padded[:, j] - padded[:, i]
         w = straight + self._ratio * v
@@ -129,27 +144,15 @@ class _Clusters:
 
     def _find_step(self, pull: Array, root: Array, size: Array, normal: Array, left: Array, force: float) -> Array:
         """Return the step (p, balls) of Newton's method."""
-        from scipy.sparse import coo_array, diags_array
+        from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
-        p, count, mean = *pull.shape, 1.5 * np.cbrt(force)
+        p, count = pull.shape
         aside = self._ratio * root**3 / size
-        blocks = (1.5 * root - aside) * normal[:, None] * normal + aside * np.eye(p)[..., None]
-        values, rows, columns = [], [], []
-        for a, b, sign in (
-            (self._i, self._i, 1.0),
-            (self._j, self._j, 1.0),
-            (self._i, self._j, -1.0),
-            (self._j, self._i, -1.0),
-        ):
-            inside = np.flatnonzero(np.maximum(a, b) < count)
-            for k in range(p):
-                for m in range(p):
-                    values.append(sign * blocks[k, m, inside])
-                    rows.append(p * a[inside] + k)
-                    columns.append(p * b[inside] + m)
-        entries: Any = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-        held = mean * (_HOLDING + ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
-        matrix = coo_array(entries, shape=(p * count, p * count)).tocsc() + diags_array(np.repeat(held, p), format="csc")
+        blocks = (1.5 * root - aside) * normal[:, None] * normal
+        blocks[range(p), range(p)] += aside
+        held = 1.5 * np.cbrt(force) * (_HOLDING + ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
+        entries = np.append(self._sign * blocks[..., self._contact], np.repeat(held, p))
+        matrix: Any = coo_array((entries, self._places), shape=(p * count, p * count)).tocsc()
         return np.asarray(factorise(matrix).solve(pull.T.ravel()).reshape(count, p).T)
 
     def _move(self, pull: Array, step: Array, root: Array, at_rest: float) -> None:
@@ -157,7 +160,7 @@ class _Clusters:
 
         Where the energy still falls at its end they go all of it.
         """
-        begun, padded = self._moved, np.pad(step, ((0, 0), (0, 1)))
+        begun, padded = self._moved, _pad(step)
         ahead = padded[:, self._j] - padded[:, self._i]
         at_end = self._find_forces(begun + step)
         groups, part = _join(self._i, self._j, (root > 0.0) | (at_end[1] > 0.0), step.shape[1])
@@ -190,11 +193,20 @@ class _Clusters:
 
 def _join(i: Indices, j: Indices, contact: NDArray[np.bool_], count: int) -> tuple[int, Indices]:
     """Return the number of the groups of balls between which there is a ``contact``, and the group of each ball."""
-    from scipy.sparse import coo_array  # imported here: most simulations do not need it
-    from scipy.sparse.csgraph import connected_components
-
     links = np.flatnonzero(contact & (np.maximum(i, j) < count))
-    groups, of_ball = connected_components(
-        coo_array((np.ones(links.size), (i[links], j[links])), shape=(count, count)), directed=False
-    )
-    return int(groups), of_ball.astype(np.intp)
+    i, j, first = i[links], j[links], np.arange(count)
+    while np.any((one := first[i]) != (other := first[j])):
+        least = np.minimum(one, other)
+        np.minimum.at(first, one, least)
+        np.minimum.at(first, other, least)
+        while np.any((farther := first[first]) != first):
+            first = farther
+    groups, of_ball = np.unique(first, return_inverse=True)
+    return groups.size, of_ball
+
+
+def _pad(moved: Array) -> Array:
+    """Return motions (p, balls) with one more ball, which does not move."""
+    padded = np.zeros((len(moved), moved.shape[1] + 1))
+    padded[:, :-1] = moved
+    return padded

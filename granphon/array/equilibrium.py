@@ -115,7 +115,7 @@ class Equilibrium(Result):
     def share(self, deviations: Array, stencils: Stencils) -> Self:
         """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils`` shared with others."""
         other, known = replace(self, deviations=deviations), vars(self)
-        vars(other).update({name: known[name] for name in ("_derivatives",) if name in known}, stencils=stencils)
+        vars(other).update({name: known[name] for name in ("_derivatives", "place") if name in known}, stencils=stencils)
         return other
 
     @cached_property

@@ -305,7 +305,7 @@ class ExactPlace:
         self._change = (2.0 * self._moved[0] + eps * self._square) / (1.0 + self.size)
         self.overlaps = geometry.means - self._change
 
-    @property
+    @cached_property
     def differences(self) -> Array:
         """(n_c, L1, ..., Lp) differences h - y, found without the loss of digits of a subtraction."""
         eps, first = self.geometry.ratio, self._moved[0]

@@ -20,16 +20,16 @@ iterations do not come to an end.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array import sparse_matrices
 from granphon.array.geometry import ExactPlace, Inverse, Law
 from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
+from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
@@ -130,32 +130,32 @@ class ActingForces(NamedTuple):
     rolling: tuple[Any, Any] = (0.0, 0.0)
 
 
-def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
-    """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
+def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Callable[[Array], Array]:
+    """Return what finds the motion (fields, L1, ..., Lp) by which the balls follow small forces on them.
 
-    ``stencils`` have the springs against all deformations, as rows. Raises
-    :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
+    ``stencils`` have the springs against all deformations, as rows. The motion is not found where
+    :class:`~granphon.base.errors.ConvergenceError` is raised.
     """
     from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
-    shape, frame, symmetric = pulls[0].shape, place.geometry.frame, not np.any(acting.shears)
+    frame, symmetric = place.geometry.frame, not np.any(acting.shears)
     stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
     small, few = (count <= most[len(frame.shape) - 2] for most in (_MOST_AT_ONCE, _MOST_BALLS))
 
     def tabulate() -> Iterator[Array]:
         return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
 
-    table = np.array(list(tabulate())) if symmetric else None
-    product = None if table is None else frame.couple(table)
     matrix: Any = None
+    product = None
     if small if symmetric else few:
-        # with what holds motions that nothing holds
-        matrix = compose_hessian(frame, tabulate() if table is None else table)
-        matrix = (matrix + _HOLDING * stiff * eye_array(matrix.shape[0])).tocsr()
+        matrix = compose_hessian(frame, np.array(list(tabulate())))
+    elif symmetric:
+        product = frame.couple(np.array(list(tabulate())))
+    held = None if matrix is None else matrix + _HOLDING * stiff * eye_array(matrix.shape[0], format="csc")
 
     def offer_inverses() -> Iterator[tuple[Inverse, int]]:
         """Yield preconditioners, each with the number of iterations after which the next one is taken, if there is one."""
-        if matrix is not None and small and (factors := _factorise(frame, matrix, symmetric)):
+        if held is not None and small and (factors := _factorise(frame, held, symmetric)):
             yield factors, _MOST_ITERATIONS
             return
         whole = Preconditioners(stencils).choose(acting.springs, hard=True)
@@ -163,18 +163,19 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
             yield whole, _MOST_ITERATIONS
             return
         alone = _invert_balls(frame, stiff, tabulate())
-        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if matrix is None else _PATIENCE * KEPT
-        if matrix is not None and (factors := _factorise(frame, matrix)):
+        yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if held is None else _PATIENCE * KEPT
+        if held is not None and (factors := _factorise(frame, held)):
             yield factors, _MOST_ITERATIONS
 
     inverses = offer_inverses()
     inverse, most = next(inverses)
+    shape = stencils.n_fields, *stencils.shape
 
     def apply(vector: Array) -> Array:
         if product is not None:
             return np.ravel(product(vector.reshape(shape), None)[0])
-        if matrix is not None:
-            return np.asarray(matrix @ vector)
+        if held is not None:
+            return np.asarray((matrix if symmetric else held) @ vector)
         motion = Motion(vector.reshape(shape), 0.0)
         change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
         return np.ravel(change) + _HOLDING * stiff * vector
@@ -182,8 +183,8 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
     def precondition(vector: Array) -> Array:
         return np.ravel(inverse(vector.reshape(shape)))
 
-    found = []
-    for pull in pulls:
+    def find(pull: Array) -> Array:
+        nonlocal inverse, most
         right = np.ravel(pull)
         if symmetric:
             floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
@@ -199,8 +200,9 @@ def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array]
         if not done:
             why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
             raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
-        found.append(motion.reshape(shape))
-    return found
+        return motion.reshape(shape)
+
+    return find
 
 
 def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, most: int) -> tuple[Array, bool]:
@@ -235,7 +237,8 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     none = (0.0, 0.0, 0.0)
     strains = [strain(a, b) for a, b in pairs]
     every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
-    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
+    find = find_motions(place, acting, stencils)
+    motions = [find(geometry.join(*one)) for one in every]
     # what is left of each strain once the balls have moved, and the forces against it
     tensor = np.zeros((len(pairs), len(pairs)))
     rest: list[Any] = []
@@ -265,26 +268,12 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
-def compose_hessian(frame: Stencils, tables: Iterable[Array]) -> Any:
-    """Return the whole matrix, sparse; fields are one after the other.
-
-    ``tables`` are those of :meth:`~granphon.array.geometry.ExactPlace.tabulate`, for the deformations of the ``frame``.
-    """
-    i, j = frame.ends_of_rows()
-    (head, tail), number = frame.coefficients, np.arange(j.size)
-    c = sparse_matrices.compose_rows(i, j, head, tail, number // j.shape[1], number % j.shape[1])
-    columns = np.array([np.reshape(table, (len(table), -1)) for table in tables])
-    of_contact = number.reshape(1, len(columns), -1)
-    d = sparse_matrices.compose([(of_contact, of_contact.swapaxes(0, 1), columns)], (j.size, j.size))
-    return (c.T.tocsr() @ (d @ c)).tocsr()
-
-
 def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse | None:
     """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors of the ``matrix``.
 
     If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are not all above zero.
     """
-    factors = sparse_matrices.factorise(matrix, pivot=0.0 if symmetric else 0.1)
+    factors = factorise(matrix, pivot=0.0 if symmetric else 0.1)
     if symmetric and not (np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)):
         return None
 

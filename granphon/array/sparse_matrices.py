@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.stencils import Stencils, number_cells
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -15,6 +19,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 #: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
 STIFF = 1e-3
+#: balls of an array, at most, for which the places of the entries of its matrix are kept: finding them takes as long as
+#: to factorise
+_KEPT_PLACES = 2**12
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
@@ -34,6 +41,41 @@ def compose(parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tupl
     matrix: csr_array[Any] = coo_array((entries, where), shape=shape).tocsr()
     matrix.eliminate_zeros()
     return matrix
+
+
+def compose_hessian(frame: Stencils, table: Array) -> Any:
+    """Return C^T D C of an array as a sparse matrix, in columns; fields are one after the other.
+
+    ``table`` (m, m, n_c, L1, ..., Lp) has for a unit of each of the m deformations of the ``frame`` the forces against all.
+    """
+    from scipy.sparse import csc_array  # imported here: most simulations do not need it
+
+    n, balls, count, cells = frame.n_contacts, frame.n_balls, frame.motions.count, math.prod(frame.shape)
+    head, tail = (one.reshape(-1, n, balls, count) for one in frame.coefficients)
+    parts = np.empty((n, 2 * count, 2 * count, cells))
+    for kind, (i, j) in enumerate(frame.ends):
+        rows = np.concatenate([-tail[:, kind, i], head[:, kind, j]], axis=1)
+        forces = np.einsum("ma,nmc->nac", rows, table[:, :, kind].reshape(*table.shape[:2], cells))
+        np.einsum("nb,nac->abc", rows, forces, out=parts[kind])
+    small = cells * balls <= _KEPT_PLACES
+    find = _find_places if small else _find_places.__wrapped__
+    slots, indices, starts = find(frame.shape, tuple(frame.shifts), tuple(frame.ends), count)
+    entries = np.bincount(slots, parts.ravel(), indices.size)
+    matrix: Any = csc_array((entries, indices, starts), shape=(starts.size - 1,) * 2, copy=small)
+    matrix.eliminate_zeros()  # open contacts would fill the factors
+    return matrix
+
+
+@lru_cache(maxsize=8)
+def _find_places(shape: Any, shifts: Any, ends: Any, count: int) -> tuple[Indices, NDArray[np.int32], NDArray[np.int32]]:
+    """Return where each part of C^T D C stands among the entries of the matrix; rows of entries, and starts of columns."""
+    cells, size = math.prod(shape), (1 + max(map(max, ends))) * count * math.prod(shape)
+    ball_i, ball_j = (count * ball[:, None, None] for ball in np.transpose(ends))
+    fields, far = np.arange(count)[:, None], number_cells(shape, shifts)[:, None]
+    own = np.concatenate([(ball_i + fields) * cells + np.arange(cells), (ball_j + fields) * cells + far], axis=1)
+    place, slots = np.unique(own[:, None] * size + own[:, :, None], return_inverse=True)
+    starts = np.searchsorted(place, np.arange(size + 1) * size).astype(np.int32)
+    return slots.ravel(), (place % size).astype(np.int32), starts
 
 
 def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0) -> Any:

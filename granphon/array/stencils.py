@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from copy import copy
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
@@ -96,11 +95,10 @@ class Stencils:
 
     def observe(self, kinds: Sequence[Row]) -> Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their own."""
-        other = copy(self)
-        other._found = {}
-        other.forget()
-        vars(other).pop("coefficients", None)
-        other._kinds = list(kinds)
+        other = object.__new__(Stencils)
+        known = ("coefficients", "operator", "_green", "_groups")
+        vars(other).update({name: value for name, value in vars(self).items() if name not in known})
+        other._found, other._kinds = {}, list(kinds)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:

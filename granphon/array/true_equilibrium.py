@@ -14,6 +14,7 @@ balls go downhill along that direction, and on from there.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -35,9 +36,9 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.linear_response import ActingForces, compose_hessian, find_elastic_tensor, find_motions
+from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.array.preconditioners import MOST_BALLS, Preconditioners
-from granphon.array.sparse_matrices import factorise
+from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -76,8 +77,9 @@ _ASIDE = 1e-2
 _MOST_SADDLES = 50
 #: part of the error of a response to random forces that is left when the curvature has been probed
 _PROBED = 1e-6
-#: iterations of conjugate gradients that probe the curvature, after which factors are tried
-_PROBE_PATIENCE = 200
+#: iterations of conjugate gradients that probe the curvature of arrays in a plane, after which factors are tried; and the
+#: balls of an array, at most, whose factors are tried at once
+_PROBE_PATIENCE, _PROBED_AT_ONCE = 40, 2**11
 #: the same, at most
 _PROBE_STEPS = 20_000
 #: curvature below zero, over that of the same contacts if they moved along their directions, that may be rounding
@@ -128,12 +130,12 @@ class TrueEquilibrium(Equilibrium):
         none = np.zeros((0, *carried.shape))
         return ActingForces(lambda loss, slip: (stiffness * loss, slip), stiffness, carried, none)
 
-    def _follow(self) -> tuple[Array, Any]:
-        """Return the motion of balls with y, and the relative displacements of contacts by both."""
+    def _follow(self) -> tuple[Callable[[Array], Array], Any]:
+        """Return what finds small motions of the balls, and the relative displacements of contacts with y."""
         acting, still = self._act(), np.zeros_like(self.balls)
         pull, _ = self.place.respond(Motion(still, 1.0), acting.law, acting.forces, acting.shears)
-        (motion,) = find_motions(self.place, acting, [-pull], self.stencils)
-        return motion, self.place.geometry.split(Motion(motion, 1.0))[0]
+        find = find_motions(self.place, acting, self.stencils)
+        return find, self.place.geometry.split(Motion(find(-pull), 1.0))[0]
 
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
@@ -141,28 +143,36 @@ class TrueEquilibrium(Equilibrium):
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
-        place, acting = self.place, self._act()
-        moved = self._follow()[1]
+        place = self.place
+        find, moved = self._follow()
         loss, stiffness = place.lose(moved), self.stiffnesses
         # the second derivatives: of the overlaps along the motion itself, and by the motion that balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
-        (motion,) = find_motions(place, acting, [place.geometry.join(push, *_STILL)], self.stencils)
-        more = bend - place.lose(place.geometry.split(Motion(motion, 0.0))[0])
+        more = bend - place.lose(place.geometry.split(Motion(find(place.geometry.join(push, *_STILL)), 0.0))[0])
         return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
 
-    def find_negative_curvature(self, inverse: Inverse, patience: int = _PROBE_PATIENCE) -> tuple[Array | None, int]:
+    def find_negative_curvature(
+        self, choose: Callable[[], Inverse], patience: int | None = None
+    ) -> tuple[Array | None, int]:
         """Return a motion of the balls along which the curvature of the energy is below zero, None if there is none.
 
         The overlap y is kept. Conjugate gradients look for the response to random forces, of which each contact bears as
         much energy along its direction as across; while they do, they meet such a motion. The number is that of iterations;
-        ``inverse`` is that of the array. After ``patience`` iterations factors are tried, where they are small.
+        ``choose`` returns a preconditioner. After ``patience`` iterations factors are tried, where they are small; by
+        default at once if they take less time than the iterations: of few balls, or where many contacts are open.
         """
-        acting, down, generator = self._act(min(self.residual, _LEAST_TOLERANCE)), list[Array](), np.random.default_rng(0)
+        acting, balls = self._act(min(self.residual, _LEAST_TOLERANCE)), self.deviations.size
+        may_factorise = len(self.stencils.shape) == 2 and balls <= MOST_BALLS[1]
+        if patience is None:
+            closed = float(np.mean(acting.springs > 0.0))
+            patience = 0 if balls <= _PROBED_AT_ONCE or closed <= _MOST_STIFF else _PROBE_PATIENCE
+        if may_factorise and not patience and self._has_pivots_above_zero(acting):
+            return None, 0
+        down, generator, taken = list[Array](), np.random.default_rng(0), 0
         along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
         push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
-
-        product = self.place.multiply(acting.springs, acting.forces)
+        product, inverse = self.place.multiply(acting.springs, acting.forces), choose()
 
         def apply(vector: Array) -> Array:
             motion = Motion(vector.reshape(self.balls.shape), 0.0)
@@ -175,26 +185,23 @@ class TrueEquilibrium(Equilibrium):
             return change
 
         right = np.ravel(self.place.geometry.join((push[0], push[1], push[2]), *_STILL))
-        taken = 0
-        for limit in (patience, _PROBE_STEPS):
+        for limit in (patience, _PROBE_STEPS) if may_factorise and patience else (_PROBE_STEPS,):
             _, more, _ = conjugate_gradients(
                 apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, limit
             )
             taken += more
-            if down or more < limit or self._has_pivots_above_zero(acting):
+            if down or more < limit or (limit < _PROBE_STEPS and self._has_pivots_above_zero(acting)):
                 break
         return (down[0] if down else None), taken
 
     def _has_pivots_above_zero(self, acting: ActingForces) -> bool:
-        """Return whether factors show that no curvature is below zero; only in a plane, where factors are small.
+        """Return whether factors show that no curvature is below zero.
 
         Elimination without exchange of rows has pivots above zero if the matrix is positive definite, and only then.
         """
         from scipy.sparse import diags_array  # imported here: most simulations do not need it
 
         p = len(self.stencils.shape)
-        if p != 2 or self.deviations.size > MOST_BALLS[1]:
-            return False
         table = self.place.tabulate_stiffness(acting.springs, acting.forces)
         for axis in range(p):
             table[axis, axis] += _ROUNDING * acting.springs
@@ -275,9 +282,10 @@ def equilibrate_exactly(
     geometry = ExactGeometry(stencils, deviations, ratio)
     path = _Path(geometry, load, start, tolerance)
     state = path.part() or path.lead()
-    return replace(state, newton=start.newton + path.newton, conjugate=start.conjugate + path.conjugate).share(
-        deviations, stencils
-    )
+    found = replace(state, newton=start.newton + path.newton, conjugate=start.conjugate + path.conjugate)
+    vars(found)["place"] = state.place
+    geometry.held.forget()  # many samples may be kept, each with a large Green's function
+    return found.share(deviations, stencils)
 
 
 class _Path:
@@ -395,8 +403,10 @@ class _Path:
             deviations=self._start.deviations, overlap=trial.overlap, balls=stencils.centre(trial.balls),
             residual=trial.left, lattice=stencils.lattice, ratio=geometry.ratio,
         )  # fmt: skip
-        inverse = self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
-        down, conjugate = state.share(state.deviations, stencils).find_negative_curvature(inverse)
+        vars(state).update(stencils=stencils, place=geometry.place(state.balls, state.overlap))
+        down, conjugate = state.find_negative_curvature(
+            lambda: self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
+        )
         self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
         stable = down is None or trial.bend(down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):

@@ -28,7 +28,9 @@ NEAR = 1e-2
 #: a gap above TOUCH that is no larger than this is refused: it would close under load, as balls overlap by as much
 _CLOSING = 1e-3
 #: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites far from each other
-_MOST_CELLS = 10_000_000
+_MOST_CELLS = 5_000_000
+#: most balls of a cell whose contacts are sought among all pairs; more are searched by a tree
+_FEW = 40
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made from x instead
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
@@ -112,76 +114,154 @@ def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp
     return np.asarray((i < j) | ((i == j) & (leading > 0)))
 
 
-def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
-    """Find the contacts of one cell of equal balls that touch at distance one, each once.
+def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None = None) -> ContactTable:
+    """Find the contacts of one cell of balls, each once, in the unit of the positions.
+
+    Balls touch where their distance is the sum of their ``radii`` (n,); without these they are the equal balls of a lattice,
+    which touch at distance one.
 
     Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls overlap, a ball touches no
     other, balls nearly touch, contacts do not join all balls, or too many cells would have to be searched.
     """
-    n = len(positions)
-    apart = positions[None] - positions[:, None]
-    radius = 2.0 + float(np.linalg.norm(apart, axis=-1).max())
-    reach = _reach(cell, radius)
-    if np.prod(2.0 * reach + 1.0) > _MOST_CELLS:
-        what = f"the cell of lattice {name!r} is too oblique, or its sites are too far from each other"
-        raise InputError(message(what, mend="Give short lattice vectors, and sites from 0 to 1"))
-    shifts = _list_steps(cell, radius, reach)
-    delta = apart[:, :, None] + (shifts @ cell)[None, None]
+    n, given = len(positions), radii is not None
+    called = f"crystal {name!r}" if given else f"lattice {name!r}"
+    size = np.full(n, 0.5) if radii is None else np.asarray(radii, float)
+    i, j, shifts, delta = _find_near(cell, positions, size, called)
+    touch = size[i] + size[j]
     distance = np.linalg.norm(delta, axis=-1)
-    same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
-    said, mend, closest = "Touching balls are 1 apart", "", math.inf
-    off = np.abs(distance - 1.0)
+    ratio = distance / touch
+    said, mend, closest = (
+        "Two balls touch where their radii add up to their distance" if given else "Touching balls are 1 apart",
+        "",
+        math.inf,
+    )
+    off = np.abs(ratio - 1.0)
     if np.any(near := (off > TOUCH) & (off <= NEAR)):
-        # the pair of balls whose distance is nearest to one among those that do not touch
-        one, other, step = np.unravel_index(np.argmin(np.where(near, off, np.inf)), off.shape)
-        closest = float(distance[one, other, step])
-        image = f" shifted by ({', '.join(map(str, shifts[step].tolist()))}) cells" if np.any(shifts[step]) else ""
-        said = f"Ball {one} and ball {other}{image} are {closest:.9g} apart, where touching balls are 1 apart"
-        rounded = "If numbers were rounded, write them with eight digits or more"
-        mend = _scale_to_touch(cell, delta[near], delta[off <= TOUCH]) or rounded
-    if np.any((distance < 1.0 - TOUCH) & ~same):
-        least = float(distance[~same].min())
-        why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
-        mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
-        raise InputError(message(f"balls of lattice {name!r} overlap", why, mend))
-    found: Any = np.nonzero(off <= TOUCH)
-    i, j, s = found
-    if len(set(i.tolist())) < n:
-        raise InputError(message(f"a ball of lattice {name!r} touches no other", said, mend))
-    if closest - 1.0 <= _CLOSING:
-        why = f"{said}. A gap of {closest - 1.0:.2g} closes under load, so that it was probably rounded"
-        mend = f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
-        raise InputError(message(f"balls of lattice {name!r} nearly touch", why, mend))
-    first = select_once(i, j, shifts[s])
-    i, j, s = i[first], j[first], s[first]
-    parts = _find_pieces(i.tolist(), j.tolist(), map(tuple, shifts[s].tolist()), n)
-    count, ranks = sum(index for _, index in parts), {rank for rank, _ in parts}
-    whole = ranks == {len(cell)}  # pieces that extend along all periods: there are only so many of them
-    if not whole or count > 1:
-        pieces = f"{_PIECES[ranks.pop()] if len(ranks) == 1 else 'pieces'}, {count} in each cell"
-        what = (
-            f"lattice {name!r} falls into pieces that do not touch: {f'{count} {_PIECES[len(cell)]}' if whole else pieces}"
+        # the pair of balls whose distance is nearest to that of touching ones among those that do not touch
+        at = int(np.argmin(np.where(near, off, np.inf)))
+        closest = float(ratio[at])
+        image = f" shifted by ({', '.join(map(str, shifts[at].tolist()))}) cells" if np.any(shifts[at]) else ""
+        sides = (
+            f"{distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
+            if given
+            else (f"{closest:.9g} apart, where touching balls are 1 apart")
         )
-        raise InputError(message(what, said if mend else "", mend or "Move them together, or give one of them alone"))
-    normal = delta[i, j, s] / distance[i, j, s][:, None]
-    arm = np.full(len(i), 0.5)
+        said = f"Ball {i[at]} and ball {j[at]}{image} are {sides}"
+        rounded = "If numbers were rounded, write them with eight digits or more"
+        scaled, held = delta[near] / touch[near, None], delta[off <= TOUCH] / touch[off <= TOUCH, None]
+        mend = _scale_to_touch(cell, scaled, held, given) or rounded
+    if np.any(ratio < 1.0 - TOUCH):
+        at = int(np.argmin(ratio))
+        least = float(ratio[at])
+        why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
+        if given:
+            why = f"Balls {i[at]} and {j[at]} are {distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
+        mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
+        raise InputError(message(f"balls of {called} overlap", why, mend))
+    touching = np.flatnonzero(off <= TOUCH)
+    alone = np.setdiff1d(np.arange(n), i[touching])
+    if alone.size:
+        which = f"ball {alone[0]} of {called}" if given else f"a ball of {called}"
+        raise InputError(message(f"{which} touches no other", said, mend))
+    if closest - 1.0 <= _CLOSING:
+        gap = f"a gap of {closest - 1.0:.2g}" + " of that" * given
+        why = f"{said}. A{gap[1:]} closes under load, so that it was probably rounded"
+        mend = f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}" + " of their distance" * given
+        raise InputError(message(f"balls of {called} nearly touch", why, mend))
+    first = touching[select_once(i[touching], j[touching], shifts[touching])]
+    i, j, shifts = i[first], j[first], shifts[first]
+    require_joined(i, j, shifts, n, len(cell), called, said if mend else "", mend)
+    normal = delta[first] / distance[first][:, None]
+    vector = normal if radii is None else normal * touch[first][:, None]
     return ContactTable(
-        read_only(i), read_only(j), read_only(shifts[s]), read_only(normal), read_only(normal), read_only(arm),
-        read_only(arm),
+        read_only(i), read_only(j), read_only(shifts), read_only(normal), read_only(vector), read_only(size[i]),
+        read_only(size[j]),
     )  # fmt: skip
 
 
-def _scale_to_touch(cell: Array, near: Array, touching: Array) -> str:
+def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tuple[Any, Any, Any, Array]:
+    """Return the pairs of balls that are no farther apart than touching ones and a little, each from both of its ends.
+
+    They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors (pairs, d), in the order of
+    i, j, and these cells.
+    """
+    n, p = len(positions), len(cell)
+    reach_of = 1.0 + NEAR + 1e-9
+    few = n <= _FEW
+    longest = 2.0 * reach_of * float(radii.max())
+    base = np.zeros((n, p), np.intp)
+    if few:
+        apart = positions[None] - positions[:, None]
+        radius = longest + float(np.linalg.norm(apart, axis=-1).max())
+    else:  # all balls in one cell
+        base = np.floor(positions @ np.linalg.pinv(cell)).astype(np.intp)
+        positions, radius = positions - base @ cell, longest
+    reach = _reach(cell, radius) + (not few)
+    if np.prod(2.0 * reach + 1.0) * (1 if few else n / _FEW) > _MOST_CELLS:
+        what = f"the cell of {called} is too oblique, or its sites are too far from each other"
+        raise InputError(message(what, mend="Give short lattice vectors, and sites from 0 to 1"))
+    if few:
+        steps = _list_steps(cell, radius, reach)
+        delta = apart[:, :, None] + (steps @ cell)[None, None]
+        distance = np.linalg.norm(delta, axis=-1)
+        near = distance <= reach_of * (radii[:, None] + radii)[:, :, None]
+        found: Any = np.nonzero(near & ~(np.eye(n, dtype=bool)[:, :, None] & np.all(steps == 0, axis=1)))
+        return found[0], found[1], steps[found[2]], delta[found]
+    from scipy.spatial import cKDTree  # here alone: the lattices that have a name need no scipy
+
+    ranges = [np.arange(-r, r + 1) for r in reach.astype(int)]
+    steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, p).astype(np.intp)
+    steps = steps[np.argsort(np.any(steps, axis=1), kind="stable")]  # the cell itself first
+    inverse = np.linalg.pinv(cell)
+    fractions, margin = positions @ inverse, longest * np.linalg.norm(inverse, axis=0)
+    where = np.any(steps, axis=1)[:, None] & ~np.all(
+        (fractions + steps[:, None] >= -margin) & (fractions + steps[:, None] <= 1.0 + margin), axis=-1
+    )
+    step, ball = np.nonzero(~where)
+    places = positions[ball] + steps[step] @ cell
+    one, other = cKDTree(places).query_pairs(longest, output_type="ndarray").T
+    # images of the cell are the later ones: a pair with an image is found from its other end too, through another image
+    own = np.minimum(one, other) < n
+    one, other = np.minimum(one, other)[own], np.maximum(one, other)[own]
+    both = other < n
+    i, j = np.concatenate([ball[one], ball[other[both]]]), np.concatenate([ball[other], ball[one[both]]])
+    delta = np.concatenate([places[other] - places[one], (places[one] - places[other])[both]])
+    shift = np.concatenate([steps[step[other]], np.zeros((np.count_nonzero(both), p), np.intp)]) + base[i] - base[j]
+    near = np.linalg.norm(delta, axis=-1) <= reach_of * (radii[i] + radii[j])
+    i, j, shift, delta = i[near], j[near], shift[near], delta[near]
+    order = np.lexsort((*shift.T[::-1], j, i))
+    return i[order], j[order], shift[order], delta[order]
+
+
+def require_joined(
+    i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp], n: int, periods: int, called: str,
+    said: str = "", mend: str = "",
+) -> None:  # fmt: skip
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images."""
+    parts = _find_pieces(i.tolist(), j.tolist(), map(tuple, shift.tolist()), n, periods)
+    count, ranks = sum(index for _, index in parts), {rank for rank, _ in parts}
+    whole = ranks == {periods}  # pieces that extend along all periods: there are only so many of them
+    if not whole or count > 1:
+        cells = f"{count} in each cell" if periods else f"{count} of them"
+        pieces = f"{_PIECES[ranks.pop()] if len(ranks) == 1 else 'pieces'}, {cells}"
+        what = f"{called} falls into pieces that do not touch: {f'{count} {_PIECES[periods]}' if whole else pieces}"
+        raise InputError(message(what, said, mend or "Move them together, or give one of them alone"))
+
+
+def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = False) -> str:
     """Say by what number to multiply the cell, or its coordinates along one axis, so that balls at ``near`` touch.
 
-    ``near`` and ``touching`` are vectors (n, d) between balls; those that touch already must not change. The text is empty
-    if no single number does it.
+    ``near`` and ``touching`` are vectors (n, d) between balls, over the distance at which they touch; those that touch
+    already must not change. With ``given`` positions these are to be multiplied too. The text is empty if no single number
+    does it.
     """
     periods, dimension = cell.shape
     if not len(touching):
         factors = 1.0 / np.linalg.norm(near, axis=1)
         if np.ptp(factors) <= TOUCH:
-            return f"Multiply the cell by {np.mean(factors):.12g}"
+            return f"Multiply the cell{' and the positions' * given} by {np.mean(factors):.12g}"
+    if given:
+        return ""
     for axis in range(periods):
         along, across = near[:, axis] ** 2, np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
         if np.any(np.abs(touching[:, axis]) > TOUCH) or np.any(along < NEAR) or np.any(across >= 1.0):
@@ -194,7 +274,9 @@ def _scale_to_touch(cell: Array, near: Array, touching: Array) -> str:
     return ""
 
 
-def _find_pieces(i: Iterable[int], j: Iterable[int], shift: Iterable[tuple[int, ...]], n: int) -> list[tuple[int, int]]:
+def _find_pieces(
+    i: Iterable[int], j: Iterable[int], shift: Iterable[tuple[int, ...]], n: int, periods: int
+) -> list[tuple[int, int]]:
     """Return, for each set of balls of a cell that contacts join, along how many periods it extends, and its copies.
 
     The whole cells by which rings of contacts lead from a ball to its images make a lattice of integers. Its rank is the
@@ -204,7 +286,6 @@ def _find_pieces(i: Iterable[int], j: Iterable[int], shift: Iterable[tuple[int, 
     for one, other, step in zip(i, j, shift, strict=True):
         neighbours[one].append((other, step))
         neighbours[other].append((one, tuple(-x for x in step)))
-    periods = len(neighbours[0][0][1])
     places: dict[int, tuple[int, ...]] = {}
     out = []
     for first in range(n):

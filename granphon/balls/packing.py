@@ -15,11 +15,10 @@ from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
 from granphon.base.notebook import write_html
 from granphon.base.scales import WidthUnits
-from granphon.base.validation import require, truth
+from granphon.base.validation import not_negative, positive, require, truth
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -87,44 +86,11 @@ class Packing:
             made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
             raise InputError(message(f"balls of {self.diameter:g} m of {made} are beyond double precision", why))
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
-        # the motions are some that the lattice has; torsion and bending are numbers, and resist some of these motions
-        allowed = allowed_motions(self.structure.dimension)
-        if self.motions is not None and not (isinstance(self.motions, str) and self.motions in allowed):
-            raise InputError(
-                message(
-                    f"the {self.structure.name} lattice has no motions {brief(self.motions)}",
-                    f"It lies {('on a line', 'in a plane', 'in space')[self.structure.dimension - 1]}",
-                    "Use " + ", ".join(allowed),
-                )
-            )
-        if isinstance(self.torsion, str):
-            if self.torsion != MINDLIN:
-                raise InputError(message(f"torsion is {brief(self.torsion)}", mend=f"Give a number, or {MINDLIN}"))
-        else:
-            object.__setattr__(self, "torsion", not_negative("torsion", self.torsion))
-        object.__setattr__(self, "bending", not_negative("bending", self.bending))
-        for name in ("torsion", "bending"):
-            value = getattr(self, name)
-            if isinstance(value, float) and value > _MOST_ROLLING:
-                why = "It is a stiffness over k d^2; that of a contact is far below 1"
-                raise InputError(message(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}"))
-        resisted = {"torsion": "twist", "bending": "rotate"}  # what motions must do for contacts to resist it
-        named = {name: what for name, what in resisted.items() if getattr(self, name)}
-        if idle := [name for name, what in named.items() if not getattr(self.named_motions, what)]:
-            what, why = "rotations", "have no rotation that could be resisted"
-            if self.named_motions.rotate:
-                what, why = (
-                    "rotations about the normals of contacts",
-                    "turn balls across the normals only: no contact twists",
-                )
-            fit = [one for one, moves in allowed.items() if all(getattr(moves, what) for what in named.values())]
-            raise InputError(
-                message(
-                    f"{' and '.join(idle)} without {what}",
-                    f"The motions {self.named_motions.name!r} of the {self.structure.name} lattice {why}",
-                    f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
-                )
-            )
+        torsion, bending = read_rolling(
+            f"the {self.structure.name} lattice", self.structure.dimension, self.motions, self.torsion, self.bending
+        )
+        object.__setattr__(self, "torsion", torsion)
+        object.__setattr__(self, "bending", bending)
 
     @property
     def named_motions(self) -> Motions:
@@ -213,6 +179,50 @@ class Packing:
 
     def _repr_html_(self) -> str:
         return write_html("Packing", describe_packing(self))
+
+
+def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bending: Any) -> tuple[float | str, float]:
+    """Check the ``motions`` of balls on a line, in a plane or in space, and read ``torsion`` and ``bending``.
+
+    Raises :class:`InputError`, which names what is ``called``, for motions that such balls do not have, for a stiffness that
+    is no number or too large, and for one that resists none of the motions.
+    """
+    allowed = allowed_motions(dimension)
+    if motions is not None and not (isinstance(motions, str) and motions in allowed):
+        raise InputError(
+            message(
+                f"{called} has no motions {brief(motions)}",
+                f"It lies {('on a line', 'in a plane', 'in space')[dimension - 1]}",
+                "Use " + ", ".join(allowed),
+            )
+        )
+    if isinstance(torsion, str):
+        if torsion != MINDLIN:
+            raise InputError(message(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}"))
+    else:
+        torsion = not_negative("torsion", torsion)
+    read = {"torsion": torsion, "bending": not_negative("bending", bending)}
+    for name, value in read.items():
+        if isinstance(value, float) and value > _MOST_ROLLING:
+            why = "It is a stiffness over k d^2; that of a contact is far below 1"
+            raise InputError(message(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}"))
+    resisted = {"torsion": "twist", "bending": "rotate"}  # what motions must do for contacts to resist it
+    named = {name: what for name, what in resisted.items() if read[name]}
+    moving = next(iter(allowed.values())) if motions is None else allowed[motions]
+    if idle := [name for name, what in named.items() if not getattr(moving, what)]:
+        what, why = "rotations", "have no rotation that could be resisted"
+        if moving.rotate:
+            what = "rotations about the normals of contacts"
+            why = "turn balls across the normals only: no contact twists"
+        fit = [one for one, moves in allowed.items() if all(getattr(moves, what) for what in named.values())]
+        raise InputError(
+            message(
+                f"{' and '.join(idle)} without {what}",
+                f"The motions {moving.name!r} of {called} {why}",
+                f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
+            )
+        )
+    return read["torsion"], read["bending"]
 
 
 def given_packing(packing: Packing) -> Packing:

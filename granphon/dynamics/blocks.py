@@ -21,7 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InstabilityError, message
-from granphon.dynamics.linalg import cholesky_factor, find_dependent, find_rank, graded_eigh, graded_svd, lapack_svd
+from granphon.dynamics.linalg import (
+    MANY_COLUMNS,
+    cholesky_factor,
+    find_dependent,
+    find_rank,
+    graded_eigh,
+    graded_svd,
+    lapack_svd,
+    well_conditioned_values,
+)  # fmt: skip
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
 Array = NDArray[np.float64]
@@ -150,6 +159,18 @@ class Block:
         point = self._compute(q)
         values, right = self._decompose(point)
         return values, self._turn_back(point, right)
+
+    def find_frequencies(self, q: Array) -> Array:
+        """Find frequencies (n_q, n) alone, ascending; of many motions from D(q) where that loses no digits."""
+        if self.size <= MANY_COLUMNS:
+            return self.solve(q)[0]
+        point = self._compute(q)
+        values, trusted = well_conditioned_values(self._make_matrix(point.rows, point.across))
+        rest = np.flatnonzero(~trusted)
+        if rest.size:
+            more = (None if part is None else part[rest] for part in point[2:])
+            values[rest] = self._decompose(_Point(point.q[rest], point.rows[rest], *more))[0]
+        return values
 
     def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
         """Return vectors in terms of the motions of the frame."""

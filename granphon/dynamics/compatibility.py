@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.arguments import finite_array, not_negative, real_array
 from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
+from granphon.base.validation import finite_array, not_negative, real_array
 from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 GYRATION = float(1.0 / np.sqrt(10.0))
 #: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its copies
 _FARTHEST = 1e15
+#: most memory of a wave vector, bytes
+MOST_BYTES = 2**33
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -60,14 +62,15 @@ class Compatibility:
     ----------
     cell : (p, d) lattice vectors as rows: p periods in d dimensions. One period lies along x, two lie in the xy plane.
     positions : (n, d) centres.
-    contacts : the table of contacts, in the same unit of length.
-    mindlin_ratio : eta, stiffness of slip over that of elongation.
+    contacts : the table of contacts, in the same unit of length. A ball j = n is a body that does not move; its contacts
+        have no vector, and no columns of C for that end.
+    mindlin_ratio : eta, stiffness of slip over that of elongation; a number, or (n_c,).
     stiffness : (n_c,) normal stiffness of each contact; 1 by default.
     prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
     masses : (n,) masses; 1 by default.
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
     torsion : stiffness of twist over that of elongation times d^2; a number, or (n_c,).
-    bending : stiffness of rolling, over the same.
+    bending : stiffness of rolling, over the same; a number, or (n_c,).
     motions : of each ball; those of the plane by default. Balls do not turn if no contact resists it.
     name : of the lattice, in messages.
 
@@ -81,14 +84,14 @@ class Compatibility:
         cell: ArrayLike,
         positions: ArrayLike,
         contacts: ContactTable,
-        mindlin_ratio: float,
+        mindlin_ratio: ArrayLike,
         stiffness: ArrayLike = 1.0,
         prestress: ArrayLike = 0.0,
         masses: ArrayLike = 1.0,
         gyration: ArrayLike = GYRATION,
         *,
         torsion: ArrayLike = 0.0,
-        bending: float = 0.0,
+        bending: ArrayLike = 0.0,
         motions: Motions = IN_PLANE,
         name: str = "of these contacts",
     ) -> None:
@@ -96,14 +99,9 @@ class Compatibility:
         self.cell: Array = read_only(real_array("cell", cell))
         self.positions: Array = read_only(real_array("positions", positions))
         self.contacts = contacts
-        self.mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
-        self.bending = not_negative("bending", bending)
-        self.torsion: float | Array
-        if isinstance(torsion, np.ndarray) and torsion.ndim:
-            each = finite_array("torsion", torsion, low="zero or above") if torsion.size else torsion
-            self.torsion = read_only(np.broadcast_to(each, len(contacts)))
-        else:
-            self.torsion = not_negative("torsion", torsion)
+        self.mindlin_ratio = self._read_ratio("mindlin_ratio", mindlin_ratio)
+        self.torsion = self._read_ratio("torsion", torsion)
+        self.bending = self._read_ratio("bending", bending)
         self.named_motions = motions
         self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
@@ -112,6 +110,13 @@ class Compatibility:
         self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
             raise InputError(message("a mass or a contact stiffness is not above zero"))
+
+    def _read_ratio(self, name: str, given: Any) -> float | Array:
+        """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""
+        if not (isinstance(given, np.ndarray) and given.ndim):
+            return not_negative(name, given)
+        each = finite_array(name, given, low="zero or above") if given.size else given
+        return read_only(np.broadcast_to(each, len(self.contacts)))
 
     # -- sizes ------------------------------------------------------------------------------------------------------
 
@@ -134,6 +139,27 @@ class Compatibility:
     def periods(self) -> int:
         """Number p of lattice vectors."""
         return len(self.cell)
+
+    @cached_property
+    def bytes_per_wavevector(self) -> int:
+        """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector are found."""
+        contacts, n = len(self.contacts), self.n_branches
+        return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
+
+    def require_memory(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if one wave vector takes more memory than is reasonable."""
+        if self.bytes_per_wavevector > MOST_BYTES:
+            what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
+            why = (
+                f"One wave vector takes {self.bytes_per_wavevector / 2**30:.2g} GiB of memory, more than {MOST_BYTES >> 30}"
+            )
+            mend = "Take a smaller cell, or gp.Waves(network), whose matrices are sparse"
+            raise InputError(message(what, why, mend))
+
+    @cached_property
+    def is_held(self) -> bool:
+        """Whether balls touch bodies that do not move: there is no sound then, as no motion of all balls is free."""
+        return bool(np.any(self.contacts.j == self.n_balls))
 
     @cached_property
     def measure(self) -> float:
@@ -228,7 +254,7 @@ class Compatibility:
 
         Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the mass-weighted motions
         ((x, y, w) in the plane) in the frame whose first vector is the centre of mass, rotations divided by i. With one ball
-        in the cell the matrix is real.
+        in the cell, whose contacts have equal arms, the matrix is real.
 
         Parameters
         ----------
@@ -245,10 +271,10 @@ class Compatibility:
     @cached_property
     def rows(self) -> list[Row]:
         """Deformations of the contacts, as coefficients of the motions of their two balls; rotations are carried by w."""
-        table = self.contacts
+        table, gyration = self.contacts, np.append(self.gyration, 1.0)  # the last of a body that does not move
         found = contact_rows(
             table.normal, table.arm_i, table.arm_j, self.motions, slip=self.mindlin_ratio, twist=self.torsion,
-            roll=self.bending, gyration_i=self.gyration[table.i], gyration_j=self.gyration[table.j],
+            roll=self.bending, gyration_i=gyration[table.i], gyration_j=gyration[table.j],
         )  # fmt: skip
         # where the motions deform no contact, as out of the plane without friction, a row of zeros stands for none
         nothing = np.zeros((len(table), self.motions.count))
@@ -271,8 +297,10 @@ class Compatibility:
         Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
         displacements of the centre of mass it is exactly zero.
         """
+        self.require_memory()
         motion = self._frame / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
+        motion = np.pad(motion, ((0, 1), (0, 0)))  # the last is a body that does not move
         shape = (len(rows), len(self.contacts), 1, self.motions.count)
         head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
         tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
@@ -291,7 +319,10 @@ class Compatibility:
         phase = of_rows * np.tile(self.motions.phases, self.n_balls)
         odd, even = 1j * phase * total, phase * gap
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        return WaveRows(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else WaveRows(odd, even, half)
+        # the arms of a contact differ, or a body that does not move holds the ball, where one ball has complex rows
+        if self.n_balls > 1 or np.any(odd.imag) or np.any(even.imag):
+            return WaveRows(odd, even, half)
+        return WaveRows(odd.real.copy(), even.real.copy(), half)
 
     @cached_property
     def _own_waves(self) -> WaveRows:
@@ -309,9 +340,12 @@ class Compatibility:
         turned = (table.i > table.j)[:, None]
         ends = np.sort(np.stack([table.i, table.j], axis=1), axis=1)
         arms = np.where(turned, np.stack([table.arm_j, table.arm_i], axis=1), np.stack([table.arm_i, table.arm_j], axis=1))
-        same = np.column_stack([ends, arms, self.stiffness, self.prestress])
+        ratios = [np.broadcast_to(one, len(table)) for one in (self.mindlin_ratio, self.torsion, self.bending)]
+        same = np.column_stack([ends, arms, self.stiffness, self.prestress, *ratios])
         opposite = np.where(turned, -1.0, 1.0) * np.column_stack([table.vector, table.normal])
         left, first, image = ends[:, 0] != ends[:, 1], [], []
+        if np.any(~left & (np.abs(arms[:, 0] - arms[:, 1]) > _ALIKE * np.abs(arms[:, 0]))):
+            return None
         while np.any(left):
             c = int(np.argmax(left))
             left[c] = False

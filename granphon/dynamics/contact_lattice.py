@@ -17,14 +17,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_table import ContactTable, contact_frames
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.base.arguments import not_negative, positive, real_array
 from granphon.base.errors import InputError, InstabilityError, message
-from granphon.base.results import Result
+from granphon.base.results import Result, read_only
+from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.long_waves import LongWaves
+from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 #: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power of |q|
@@ -33,6 +35,10 @@ _NEAR_GAMMA = 1e-30
 _BESIDE_GAMMA = 1e-4
 #: part of a unit vector that is more than of first order in that
 _APART = 1e-2
+#: number of balls in a cell above which its top frequency hardly depends on the wave vector
+_MANY_BALLS = 200
+#: part of a period across the line or plane in which it lies, but for rounding
+_LEVEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +84,8 @@ class Modes(Result):
 class ContactLattice(LongWaves):
     """Balls in contact on a periodic lattice, in reduced units: bands, velocities, moduli.
 
-    :meth:`of` makes the lattice of equal balls; the constructor takes any table of contacts.
+    :meth:`of` makes the lattice of equal balls, :meth:`from_network` that of any network with periods; the constructor takes
+    any table of contacts.
     """
 
     @classmethod
@@ -124,6 +131,62 @@ class ContactLattice(LongWaves):
             name=structure.name,
         )  # fmt: skip
 
+    @classmethod
+    def from_network(cls, network: ContactNetwork) -> Self:
+        """Make the contact lattice of a network that repeats along one, two or three axes, in its own reduced units.
+
+        The units are :attr:`ContactNetwork.scales`. Masses and radii of gyration are those of each ball; stiffnesses, arms
+        and, with ``prestress``, normal forces those of each contact. Bodies that do not move hold the balls that touch
+        them, and have no motions: balls are those that move, in the order of the network. If the periods do not lie along x,
+        or in the xy plane, the network is turned: its first period is then along x, the second in the xy plane.
+
+        Raises :class:`~granphon.base.errors.InputError` for a network without a period, without contacts or balls that move,
+        and for one in which static tangential forces act, which have no potential.
+        """
+        axes, dimension = np.flatnonzero(network.pbc), network.dimension
+        if not axes.size:
+            why, mend = "Bands and sound are those of balls that repeat without end", "Use gp.Waves, or give pbc and a cell"
+            raise InputError(message("the network repeats along no axis", why, mend))
+        if network.prestress and network.tangential_force is not None and np.any(network.tangential_force):
+            what, why = "the network has static tangential forces", "With prestress they act, and have no potential"
+            raise InputError(message(what, why, "Use gp.Waves, or a network without prestress"))
+        moving, units, count = network.moving, network.scales, int(np.count_nonzero(network.moving))
+        number = np.full(network.n_balls, count)
+        number[moving] = np.arange(count)
+        kept = np.flatnonzero(moving[network.i] | moving[network.j])
+        # of a contact with a body that does not move, ball i is the one that moves
+        swapped = ~moving[network.i[kept]]
+        i, j = (np.where(swapped, one[kept], other[kept]) for one, other in ((network.j, network.i), (network.i, network.j)))
+        arms = [np.where(swapped, one[kept], other[kept]) for one, other in
+                ((network.arm_j, network.arm_i), (network.arm_i, network.arm_j))]  # fmt: skip
+        held = swapped | ~moving[j]
+        turn = find_axes(network.cell[axes, :dimension])
+        normal, vector, positions, cell = (
+            vectors[:, :dimension] @ turn.T
+            for vectors in (network.normal[kept], network.vector[kept], network.positions[moving], network.cell[axes])
+        )
+        normal[swapped] *= -1.0
+        vector[held] = 0.0
+        cell[:, axes.size :] = 0.0
+        shift = np.where(held[:, None], 0, network.shift[kept][:, axes])
+        spring = network.normal_stiffness[kept]
+        roll, twist = (
+            stiffness[kept] / (spring * units.length**2)
+            for stiffness in (network.bending_stiffness, network.torsion_stiffness)
+        )
+        load = network.normal_force[kept] / network.distance[kept] / units.stiffness if network.prestress else 0.0
+        masses = network.masses[moving]
+        table = ContactTable(
+            *map(read_only, (number[i], number[j], shift, normal, vector / units.length)),
+            *(read_only(arm / units.length) for arm in arms),
+        )  # fmt: skip
+        return cls(
+            cell / units.length, positions / units.length, table, network.shear_stiffness[kept] / spring,
+            stiffness=spring / units.stiffness, prestress=load, masses=masses / units.mass,
+            gyration=np.sqrt(network.inertias[moving] / masses) / units.length, torsion=twist, bending=roll,
+            motions=allowed_motions(dimension)[network.motions], name="of this network",
+        )  # fmt: skip
+
     # -- vibrations -------------------------------------------------------------------------------------------------
 
     def frequencies(self, wavevectors: ArrayLike) -> Array:
@@ -146,9 +209,12 @@ class ContactLattice(LongWaves):
     def top_frequency(self) -> float:
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and X.
 
-        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own.
+        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own; in one of hundreds
+        of balls it is Gamma alone.
         """
         fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        if self.n_balls > _MANY_BALLS:
+            fractions = np.zeros(1)
         grid = np.stack(np.meshgrid(*[fractions] * self.periods), axis=-1).reshape(-1, self.periods)
         return float(self.frequencies(self.wavevectors(grid)).max())
 
@@ -175,14 +241,18 @@ class ContactLattice(LongWaves):
             raise InputError(
                 message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
             )
+        parts = [self._find_modes(asked[part], along[part]) for part in self._split(len(asked))]
+        return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    def _find_modes(self, asked: Array, along: Array) -> tuple[NDArray[Any], ...]:
+        """Return what :class:`Modes` holds, at a few wave vectors."""
         q, taken = self._fold(asked)
         # at Gamma itself everything is its limit along the direction, and very near it the limit along q
         at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(faint):
             near[faint] = _NEAR_GAMMA * as_direction(q[faint], self.periods)
-        parts = [self._solve_with_velocities(near[part], along[part]) for part in self._split(len(q))]
-        values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        values, vectors, velocities = self._solve_with_velocities(near, along)
         limit = at_gamma | faint
         if np.any(limit):
             found = _follow_powers(q[limit], near[limit], values[limit], vectors[limit], velocities[limit])
@@ -201,12 +271,12 @@ class ContactLattice(LongWaves):
         if self.periods == 2 and 2 in self.motions.translations:
             beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
         physical = motion.reshape(len(q), self.n_branches, -1)
-        return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside)
+        return asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside
 
     def _solve(self, q: Array) -> Array:
         """Find frequencies."""
         try:
-            values = [block.solve(q)[0] for block in self._blocks]
+            values = [block.find_frequencies(q) for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
         return values[0] if len(values) == 1 else np.sort(np.concatenate(values, axis=1), axis=1)
@@ -271,8 +341,9 @@ class ContactLattice(LongWaves):
             # centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of the layer, by the
             # distance z along u, by -i q z
             bent = [
-                one for one in np.flatnonzero(columns < len(motions.translations)) if motions.translations[columns[one]] >= p
-            ]
+                one for one in np.flatnonzero(columns < len(motions.translations))
+                if motions.translations[columns[one]] >= p and not self.is_held
+            ]  # fmt: skip
             tilt = np.zeros((len(bent), len(columns), p), complex)
             for number, place in enumerate(bent):
                 axis = motions.translations[columns[place]]
@@ -374,7 +445,9 @@ class ContactLattice(LongWaves):
         """
         direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]
         rigid = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
-        if self.periods == 1:
+        if self.is_held:
+            rigid[:] = 0.0
+        elif self.periods == 1:
             # the rotation of all balls about the only period, as a motion of the frame
             place = np.zeros((self.n_balls, 3))
             place[:, : self.dimension] = self.positions
@@ -388,6 +461,22 @@ class ContactLattice(LongWaves):
             free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
             total += int(np.linalg.matrix_rank(np.concatenate([rigid[block.columns], free], axis=1), tol=_APART))
         return total
+
+
+def find_axes(periods: Array) -> Array:
+    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), the first being along the first.
+
+    They are x, y, z where the periods lie along x, or in the xy plane, already.
+    """
+    p, d = periods.shape
+    if not np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods))):
+        return np.eye(d)
+    first = periods[0] / np.linalg.norm(periods[0])
+    if p == 1:
+        return np.array([[float(part[0]) for part in axis[:d]] for axis in contact_frames(first[None])[:d]])
+    normal = np.cross(periods[0], periods[1])
+    normal = normal / np.linalg.norm(normal)
+    return np.array([first, np.cross(normal, first), normal])
 
 
 def _is_faint(q: Array) -> NDArray[np.bool_]:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.results import read_only
+from granphon.base.validation import real_array
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
@@ -152,7 +152,13 @@ class LongWaves(Compatibility):
         return bool(np.max(np.abs(coupling)) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
 
     def require_rigid(self) -> None:
-        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`."""
+        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
+
+        Raises :class:`~granphon.base.errors.InputError` if bodies that do not move hold the balls.
+        """
+        if self.is_held:
+            why = "Long waves move all balls together, which these bodies hold"
+            raise InputError(message("the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves"))
         if self.mechanism:
             mend = "Use bending, or a lattice with more contacts"
             if not self.motions.rotate:

@@ -18,6 +18,8 @@ from granphon.dynamics.long_waves import decompose_waves, voigt_pairs
 Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
 _TOLERANCE = 1e-6
+#: greatest difference, over the largest constant, between elastic constants that are equal but for rounding
+_ROUNDED = 1e-10
 #: number of periods of a lattice whose elastic tensor has so many rows
 _PERIODS = {1: 1, 3: 2, 6: 3}
 
@@ -68,13 +70,24 @@ def has_cubic_axes(lattice: Lattice) -> bool:
     if n == 1:
         return False
     each = np.arange(1.0, n * n + 1.0).reshape(n, n) ** 2
-    c, p = symmetrise(each + each.T, lattice), lattice.periods
+    return is_cubic(symmetrise(each + each.T, lattice), _TOLERANCE)
+
+
+def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
+    """Whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z, and not isotropic.
+
+    ``tolerance`` is relative to its largest entry.
+    """
+    n, p = len(tensor), _PERIODS[len(tensor)]
+    if n == 1:
+        return False
     wanted = np.zeros((n, n))
-    wanted[:p, :p] = c[0, 1]
-    wanted[np.arange(p), np.arange(p)] = c[0, 0]
-    wanted[np.arange(p, n), np.arange(p, n)] = c[p, p]
-    turned = abs(c[0, 0] - c[0, 1] - 2.0 * c[p, p]) < _TOLERANCE * np.max(c)  # isotropic
-    return bool(np.max(np.abs(c - wanted)) < _TOLERANCE * np.max(c) and not turned)
+    wanted[:p, :p] = tensor[0, 1]
+    wanted[np.arange(p), np.arange(p)] = tensor[0, 0]
+    wanted[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
+    most = tolerance * np.max(tensor)
+    turned = abs(tensor[0, 0] - tensor[0, 1] - 2.0 * tensor[p, p]) < most  # isotropic
+    return bool(np.max(np.abs(tensor - wanted)) < most and not turned)
 
 
 def shears(tensor: Array) -> Array:

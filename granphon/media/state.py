@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
@@ -88,8 +89,125 @@ Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
 
 
+class State(ABC):
+    """A state of contacts: what velocities, moduli, pulses and phonons ask of it.
+
+    It is that of a packing, :class:`ContactState`, or that of any network with periods,
+    :class:`~granphon.media.network_state.NetworkState`.
+    """
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name of the lattice, in messages."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the load; () for a single one."""
+
+    @property
+    @abstractmethod
+    def scales(self) -> Units:
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several loads."""
+
+    @property
+    @abstractmethod
+    def length(self) -> float:
+        """Unit of length, the same at all loads, m."""
+
+    @property
+    @abstractmethod
+    def velocity_scale(self) -> Array:
+        """Unit of velocity d (k/M)^1/2 at each load, m/s."""
+
+    @property
+    @abstractmethod
+    def reference_lattice(self) -> ContactLattice:
+        """Lattice that has what does not depend on the load: names of waves, mechanisms, isotropy."""
+
+    @property
+    @abstractmethod
+    def has_one_lattice(self) -> bool:
+        """Whether the lattice, in reduced units, is the same at all loads."""
+
+    @property
+    @abstractmethod
+    def elastic_tensor(self) -> Array:
+        """Elastic tensor in Voigt order, (..., n, n): N on a line, else Pa; a plane is one diameter thick."""
+
+    @property
+    @abstractmethod
+    def has_cubic_axes(self) -> bool:
+        """Whether the symmetry is that of a square or cube with edges along x, y, z."""
+
+    @property
+    @abstractmethod
+    def twist_velocity(self) -> Values | None:
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
+
+    @abstractmethod
+    def contact_lattice(self) -> ContactLattice:
+        """Return the lattice of contacts, in reduced units."""
+
+    @abstractmethod
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return :meth:`long_waves` along ``direction``, and their unit displacements.
+
+        These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
+        """
+
+    def cached(self, find: Callable[[Self], Found]) -> Found:
+        """Return ``find(self)``, which is called only the first time and then kept."""
+        if find not in self._found:
+            self._found[find] = find(self)
+        return self._found[find]  # type: ignore[no-any-return]
+
+    @cached_property
+    def _found(self) -> dict[Any, Any]:
+        return {}
+
+    @property
+    def is_single(self) -> bool:
+        """Whether this is the state at one load."""
+        return self.shape == ()
+
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether the elastic tensor is the same in all directions."""
+        lattice = self.reference_lattice
+        return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
+
+    @property
+    def sampled_tensors(self) -> Array | None:
+        """Elastic tensor of each sample, (..., n_samples, n, n), Pa, Voigt order; None of fewer than two samples."""
+        return None
+
+    @property
+    def wave_names(self) -> tuple[str, ...]:
+        """Names of the long waves, in the order of :meth:`long_waves`."""
+        return self.reference_lattice.wave_names
+
+    def long_waves(self, direction: ArrayLike) -> Array:
+        """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
+
+        ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n, n_u). In the plane the
+        waves are the longitudinal and the transverse one.
+        """
+        return self.polarised_waves(direction)[0]
+
+    def wave_errors(self, direction: ArrayLike) -> Array | None:
+        """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None of fewer than two."""
+        return None
+
+    def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+        """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
+        scale, many = np.asarray(self.velocity_scale), np.shape(direction)[:-1]
+        return [np.broadcast_to(scale.reshape(scale.shape + (1,) * len(many)), scale.shape + many)] * len(names)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactState(Result):
+class ContactState(State, Result):
     """The contacts of a packing under load. Every attribute has the shape of the load.
 
     Attributes
@@ -124,16 +242,6 @@ class ContactState(Result):
         """Return the state at some of the loads, indexed like an array."""
         names = ("force", "overlap", "normal_stiffness")
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
-
-    def cached(self, find: Callable[[Self], Found]) -> Found:
-        """Return ``find(self)``, which is called only the first time and then kept."""
-        if find not in self._found:
-            self._found[find] = find(self)
-        return self._found[find]  # type: ignore[no-any-return]
-
-    @cached_property
-    def _found(self) -> dict[Any, Any]:
-        return {}
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute: those of pressure and density depend on the number of periods of the lattice."""
@@ -290,11 +398,6 @@ class ContactState(Result):
         return np.shape(self.force)
 
     @property
-    def is_single(self) -> bool:
-        """Whether this is the state at one load."""
-        return self.shape == ()
-
-    @property
     def scales(self) -> Units:
         """Length (m), stiffness (N/m) and mass (kg) of the reduced units at this load.
 
@@ -332,7 +435,7 @@ class ContactState(Result):
         With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a; then, and with the torsion of a
         Hertz contact, it is that of a single load: :class:`~granphon.base.errors.InputError` for several.
         """
-        if not self.loaded_lattice.is_one:
+        if not self.has_one_lattice:
             _ = self.scales  # raises InputError
         return self.loaded_lattice.contacts
 
@@ -347,20 +450,34 @@ class ContactState(Result):
         return self.loaded_lattice.elastic_tensor
 
     @property
-    def is_isotropic(self) -> bool:
-        """Whether the elastic tensor is the same in all directions."""
-        lattice = self.loaded_lattice.without_overlap
-        return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
+    def reference_lattice(self) -> ContactLattice:
+        """The lattice of contacts without terms of finite overlap, in reduced units."""
+        return self.loaded_lattice.without_overlap
+
+    @property
+    def has_one_lattice(self) -> bool:
+        """Whether the lattice, in reduced units, is the same at all loads."""
+        return self.loaded_lattice.is_one
+
+    @property
+    def velocity_scale(self) -> Array:
+        """Unit of velocity d (k/M)^1/2 at each load, m/s."""
+        return self.loaded_lattice.velocity_scale
+
+    @property
+    def name(self) -> str:
+        """Name of the lattice, in messages."""
+        return f"{self.packing.structure.name} lattice"
+
+    @property
+    def length(self) -> float:
+        """The mean diameter, m."""
+        return self.packing.diameter
 
     @property
     def has_cubic_axes(self) -> bool:
         """Whether the lattice is square or cubic with its axes along x, y, z; a simulation is so on average over samples."""
         return has_cubic_axes(self.packing.structure)
-
-    @property
-    def sampled_tensors(self) -> Array | None:
-        """Elastic tensor of each sample, (..., n_samples, n, n), Pa, Voigt order; None of fewer than two samples."""
-        return None
 
     @property
     def mean_errors(self) -> dict[str, Values]:
@@ -371,38 +488,22 @@ class ContactState(Result):
         """
         return {}
 
-    def contact_network(self, shape: tuple[int, ...]) -> ContactNetwork:
-        """Return the array of ``shape`` (L1, ..., Lp) cells of the lattice at this load, as a network of contacts.
+    @property
+    def network(self) -> ContactNetwork:
+        """One cell of the lattice at this load, as a network of contacts, which ``repeat`` makes an array.
 
         With finite overlap it has the spacing a and prestress. Raises :class:`~granphon.base.errors.InputError` for several
-        loads, for another number of periods, and for a state of samples, which have networks of their own.
+        loads, and for a state of samples, which have networks of their own.
         """
         if self.samples:
             what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
             raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
         lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
-        one = lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
-        return one.repeat(shape)
-
-    @property
-    def wave_names(self) -> tuple[str, ...]:
-        """Names of the long waves, in the order of :meth:`long_waves`."""
-        return self.loaded_lattice.without_overlap.wave_names
-
-    def long_waves(self, direction: ArrayLike) -> Array:
-        """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
-
-        ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n, n_u). In the plane the
-        waves are the longitudinal and the transverse one.
-        """
-        return self.polarised_waves(direction)[0]
+        return lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return :meth:`long_waves` along ``direction``, and their unit displacements.
-
-        These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
-        """
+        """Return :meth:`long_waves` along ``direction``, and their unit displacements."""
         return self.loaded_lattice.find_waves(direction)
 
     @property
@@ -412,16 +513,7 @@ class ContactState(Result):
         It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I of a ball.
         """
         lattice = self.loaded_lattice
-        return lattice.twist_velocity if lattice.without_overlap.runs_twist else None
-
-    def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None of fewer than two."""
-        return None
-
-    def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
-        scale, many = self.loaded_lattice.velocity_scale, np.shape(direction)[:-1]
-        return [np.broadcast_to(scale.reshape(scale.shape + (1,) * len(many)), scale.shape + many)] * len(names)
+        return lattice.twist_velocity if self.reference_lattice.runs_twist else None
 
     def _fill_shape(self, value: Any) -> Values:
         return np.full(self.shape, value) if self.shape else value
@@ -433,13 +525,6 @@ def read_finite_overlap(given: bool | None) -> bool:
     Raises :class:`InputError` if ``given`` is not True, False or None.
     """
     return given is not None and bool(require("finite_overlap", truth, given))
-
-
-def given_state(state: ContactState) -> ContactState:
-    """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not a ContactState."""
-    if not isinstance(state, ContactState):
-        raise InputError(message(f"state is {brief(state)}", mend="Give a ContactState, as medium.at_force gives it"))
-    return state
 
 
 def _unwrap_scalars(values: Any) -> Values:

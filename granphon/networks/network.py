@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.arguments import real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
-from granphon.base.validation import lengths, require, truth
+from granphon.base.validation import lengths, real_array, require, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]
@@ -230,6 +229,25 @@ class ContactNetwork(Result):
         flat = np.isinf(self.radii[self.i]) | np.isinf(self.radii[self.j])
         return read_only(np.where(flat, np.inf, np.linalg.norm(self.vector, axis=1)))
 
+    @cached_property
+    def scales(self) -> Units:
+        """Length, stiffness and mass of the reduced units of this network.
+
+        They are the mean diameter and the mean mass of the balls that move, and the mean normal stiffness of the contacts
+        that carry load, or of all if none does. Raises :class:`~granphon.base.errors.InputError` for a network without a
+        ball that moves, or without a contact.
+        """
+        if not (np.any(self.moving) and self.n_contacts):
+            raise InputError(message("the network has no reduced units", "It has no ball that moves, or no contact"))
+        loaded = self.normal_force > 0.0
+        springs = self.normal_stiffness[loaded if np.any(loaded) else slice(None)]
+        # a mean that is exact where all values are equal
+        diameter, spring, mass = (
+            float(one[0] + np.mean(one - one[0]))
+            for one in (2.0 * self.radii[self.moving], springs, self.masses[self.moving])
+        )
+        return Units(diameter, spring, mass)
+
     @property
     def coordination(self) -> float:
         """Mean number of contacts of a ball."""
@@ -385,19 +403,6 @@ class ContactNetwork(Result):
         )  # fmt: skip
 
     @classmethod
-    def from_state(cls, state: Any, shape: tuple[int, ...]) -> Self:
-        """Return the array of ``shape`` (L1, ..., Lp) cells of the lattice in a ``state``, at one load.
-
-        With finite overlap it has the spacing of the state, and prestress. Raises
-        :class:`~granphon.base.errors.InputError` for something else than such a state, and for another number of periods.
-        """
-        make = getattr(state, "contact_network", None)
-        if make is None or not hasattr(state, "packing"):
-            raise InputError(message(f"{brief(state)} is not a state", mend="Give what medium.at_force(f) returns"))
-        network: Self = make(shape)
-        return network
-
-    @classmethod
     def from_table(
         cls, balls: Any, contacts: Any, *, material: Material | None = None, cell: ArrayLike | None = None,
         pbc: Sequence[bool] | None = None, dimension: int | None = None, motions: str | None = None, friction: bool = True,
@@ -506,6 +511,21 @@ class ContactNetwork(Result):
         from granphon.networks.tables import write_tables
 
         write_tables(vars(self), balls, contacts)
+
+
+def given_network(source: Any) -> ContactNetwork:
+    """Return the network of ``source``, the argument of a public call: itself, or that of a state, a sample or Atoms.
+
+    Raises :class:`~granphon.base.errors.InputError` if it has none.
+    """
+    find = getattr(getattr(source, "calc", None), "contact_network", None)
+    found = source
+    if not isinstance(source, ContactNetwork):
+        found = getattr(source, "network", None) if find is None else find(source)
+    if isinstance(found, ContactNetwork):
+        return found
+    mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
+    raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
 
 
 # -- what it must be ---------------------------------------------------------------------------------------------------

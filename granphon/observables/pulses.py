@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_array, texts
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
+from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.media.state import ContactState, given_state
-from granphon.observables.validity import validity
+from granphon.media.network_state import as_state
+from granphon.observables.validity import find_warnings
 from granphon.observables.velocities import choose_direction
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ class PulseVelocities(Result):
 
 
 def pulse_velocities(
-    state: ContactState,
+    state: Any,
     frequency: ArrayLike,
     direction: ArrayLike | None = None,
     branches: str | Sequence[str] | None = None,
@@ -66,7 +67,7 @@ def pulse_velocities(
 
     Parameters
     ----------
-    state : the state of the contacts, at one load or many.
+    state : the state of the contacts, at one load or many; or a sample or network, as in :func:`sound_velocities`.
     frequency : Hz; a scalar or an array that broadcasts against the load.
     direction : direction of the wave vector, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once. It
         may be left out on a chain, and where sound in the plane is isotropic, as on the triangular lattice: it is then x.
@@ -95,9 +96,9 @@ def pulse_velocities(
         load.
     MechanismError : a motion of the lattice costs no energy.
     """
-    given_state(state)
+    state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
-    d, periods = state.packing.diameter, state.packing.structure.periods
+    d, periods = state.length, state.reference_lattice.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
     known = state.wave_names
@@ -133,10 +134,11 @@ def pulse_velocities(
     target, units = target.reshape(flat), scale.reshape(flat) / d
     # in the paper's limit all loads share one dispersion relation; with finite overlap, or the torsion of a Hertz contact,
     # each load has its own
-    parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
-    if not state.loaded_lattice.is_one:
-        loads = np.broadcast_to(np.arange(np.size(state.force)).reshape(state.shape), shape).ravel().tolist()
-        each = [state[np.unravel_index(load, state.shape)] for load in range(np.size(state.force))]
+    parts: list[tuple[Any, slice]] = [(state, slice(None))]
+    if not state.has_one_lattice:
+        size = math.prod(state.shape)
+        loads = np.broadcast_to(np.arange(size).reshape(state.shape), shape).ravel().tolist()
+        each = [parts[0][0][np.unravel_index(load, state.shape)] for load in range(size)]
         parts = [(each[load], slice(index, index + 1)) for index, load in enumerate(loads)]
     wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, periods))
     for part, here in parts:
@@ -147,7 +149,7 @@ def pulse_velocities(
     phase = (target / wavenumber).reshape(scale.shape) * scale
     return PulseVelocities(
         names, phase, group.reshape(scale.shape) * scale, vector.reshape(*scale.shape, periods) * scale[..., None],
-        wavenumber.reshape(scale.shape) / d, hertz, along, validity(state).warnings,
+        wavenumber.reshape(scale.shape) / d, hertz, along, find_warnings(state),
     )  # fmt: skip
 
 

@@ -18,8 +18,9 @@ from granphon.base.results import Result
 from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT, expect_shear_deficit, find_left_out
 from granphon.media.loaded_lattice import ideal_lattice
+from granphon.media.network_state import NetworkState, as_state
 from granphon.media.simulation import DirectSimulation
-from granphon.media.state import ContactState, given_state
+from granphon.media.state import State
 from granphon.networks.network import ContactNetwork
 
 #: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says of it, with the worst
@@ -234,10 +235,11 @@ class Validity(Result):
         raise KeyError(name)
 
 
-def validity(state: ContactState) -> Validity:
+def validity(state: Any) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    The quantities compared with limits are:
+    Of a network, whose material is not known, it is the contact radius alone, if its contacts follow Hertz's law. The
+    quantities compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
       (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
@@ -258,7 +260,13 @@ def validity(state: ContactState) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
       given in a wrong unit.
     """
-    return given_state(state).cached(_compute_validity)
+    return as_state(state).cached(_compute_validity)
+
+
+def find_warnings(state: State) -> tuple[str, ...]:
+    """Return one sentence for each limit that a state exceeds: its own, or else those of :func:`validity`."""
+    own = getattr(state, "warnings", None)
+    return validity(state).warnings if own is None else own
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:
@@ -275,7 +283,9 @@ def _check(name: str, value: Any, more: str = "") -> Check:
     return Check(name, meaning, value, limit, reason + more)
 
 
-def _compute_validity(state: ContactState) -> Validity:
+def _compute_validity(state: Any) -> Validity:
+    if isinstance(state, NetworkState):
+        return check_network(state.network)
     material, d = state.packing.material, state.packing.diameter
     lattice = state.loaded_lattice.without_overlap
     radius = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
@@ -320,20 +330,19 @@ def _compute_validity(state: ContactState) -> Validity:
     return Validity(tuple(checks))
 
 
-def find_network_warnings(network: ContactNetwork) -> tuple[str, ...]:
-    """Return the warnings of a network, whose material is not known: that of the mean contact radius.
+def check_network(network: ContactNetwork) -> Validity:
+    """Return the limits of a network, whose material is not known: that of the mean contact radius, or none.
 
     The overlap follows from force and stiffness, 3 f/2 k. So the contacts must be those of Hertz's law: k^3/(f d*) is then
     the same for all, and varies less than forces do.
     """
     pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
     if not np.any(pressed):
-        return ()
+        return Validity(())
     force, stiffness = network.normal_force[pressed], network.normal_stiffness[pressed]
     diameter = harmonic_diameter(*(2.0 * network.radii[end[pressed]] for end in (network.i, network.j)))
     law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
-        return ()
+        return Validity(())
     ratio = contact_radius_ratio(np.mean(1.5 * force / stiffness / diameter), 1.0)
-    warning = _check("contact_radius", ratio).warning
-    return () if warning is None else (warning,)
+    return Validity((_check("contact_radius", ratio),))

@@ -14,8 +14,9 @@ from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
-from granphon.media.state import ContactState, given_state
-from granphon.observables.validity import validity
+from granphon.media.network_state import as_state, given_state
+from granphon.media.state import ContactState, State
+from granphon.observables.validity import find_warnings
 
 Array = NDArray[np.float64]
 #: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding
@@ -123,12 +124,14 @@ class SoundVelocities(Result):
         return None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
 
 
-def sound_velocities(state: ContactState, direction: ArrayLike | None = None) -> SoundVelocities:
+def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVelocities:
     """Return the sound velocities, m/s (equations 13, 14, 16): those of waves that are long against the balls.
 
     Parameters
     ----------
-    state : the state of the contacts, at one load or many.
+    state : the state of the contacts, at one load or many; the state of a crystal, a sample, or a
+        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Waves run along the periods: a ribbon has
+        one direction, a slab those of a plane.
     direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once, whose
         axis follows those of the load. It may be left out where sound is isotropic, as on the triangular lattice and on a
         chain. On other lattices the velocities are those of the quasi-longitudinal and the quasi-transverse waves. A
@@ -139,11 +142,12 @@ def sound_velocities(state: ContactState, direction: ArrayLike | None = None) ->
 
     Raises
     ------
-    InputError : no direction is given and velocities depend on it; a direction is not p finite numbers, or has no length.
+    InputError : no direction is given and velocities depend on it; a direction is not p finite numbers, or has no length;
+        a network repeats nowhere, or has bodies that do not move.
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
-    given_state(state)
+    state = as_state(state)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names, (v, vectors) = state.wave_names, state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
@@ -161,7 +165,7 @@ def sound_velocities(state: ContactState, direction: ArrayLike | None = None) ->
             errors["transverse"] = found[..., first : first + 2]
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=validity(state).warnings + warn_of_free_branches(state, v),
+        warnings=find_warnings(state) + warn_of_free_branches(state, v),
         longitudinal_error=errors.get("longitudinal"), transverse_error=errors.get("transverse"),
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
@@ -169,29 +173,29 @@ def sound_velocities(state: ContactState, direction: ArrayLike | None = None) ->
     )  # fmt: skip
 
 
-def warn_of_free_branches(state: ContactState, velocities: Array) -> tuple[str, ...]:
+def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
     """Return a sentence that counts the branches that nothing resists, or none.
 
     A wave across a row or a layer has no velocity because it bends, or because nothing resists it; so only where one of the
     ``velocities`` is zero are branches counted.
     """
-    return state.loaded_lattice.without_overlap.free_branch_warnings if np.any(velocities == 0.0) else ()
+    return state.reference_lattice.free_branch_warnings if np.any(velocities == 0.0) else ()
 
 
-def choose_direction(state: ContactState, direction: ArrayLike | None, what: str, isotropic: bool) -> Array:
+def choose_direction(state: State, direction: ArrayLike | None, what: str, isotropic: bool) -> Array:
     """Return the direction as unit vectors (p,) or (n, p): x if it is None.
 
     None is an :class:`~granphon.base.errors.InputError` unless ``what``, which has the direction, is ``isotropic``.
     """
-    structure = state.packing.structure
+    periods = state.reference_lattice.periods
     if direction is None and not isotropic:
         raise InputError(
             message(
-                f"the {what} of the {structure.name} lattice depend on the direction",
-                mend=f"Give direction=({', '.join('xyz'[: structure.periods])})",
+                f"the {what} of the {state.name} depend on the direction",
+                mend=f"Give direction=({', '.join('xyz'[:periods])})",
             )
         )
-    return as_direction(np.eye(structure.periods)[0] if direction is None else direction, structure.periods)
+    return as_direction(np.eye(periods)[0] if direction is None else direction, periods)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -364,17 +368,21 @@ class Moduli(Result):
         return shears(self.tensor)
 
 
-def moduli(state: ContactState) -> Moduli:
+def moduli(state: Any) -> Moduli:
     """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation 17), and averages.
 
     They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in N, which is its ``bulk``.
+    ``state`` is a state, a sample or a network, as in :func:`sound_velocities`. Of a network that repeats along one axis,
+    such as a ribbon, the modulus is the force over the strain, N; along two, such as a slab of any thickness, moduli are
+    the force per length over the strain and one mean diameter, Pa.
     Raises :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, and
     :class:`~granphon.base.errors.MechanismError` if a motion of the lattice costs no energy.
 
     With finite overlap these are the coefficients between Cauchy stress and strain under the static pressure, for which
-    equation (16) still holds.
+    equation (16) still holds. Under a static stress that is no pressure, as in a network with ``prestress``, the tensor of
+    these coefficients is not symmetric.
     """
-    given_state(state)
+    state = as_state(state)
     errors: dict[str, Any] = {}
     tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes
     if (every := state.sampled_tensors) is not None:
@@ -382,4 +390,4 @@ def moduli(state: ContactState) -> Moduli:
         errors["tensor_error"] = standard_error(every, -3)
         if (isotropic or cubic) and tensor.shape[-1] > 1:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(every))
-    return Moduli(tensor=tensor, isotropic=isotropic, warnings=validity(state).warnings, cubic=cubic, **errors)
+    return Moduli(tensor=tensor, isotropic=isotropic, warnings=find_warnings(state), cubic=cubic, **errors)

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.motions import IN_PLANE, Motions
-from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import counted, plain_yaml, write_float
+from granphon.base.text import counted, plain_yaml, read_sealed, require_own_file, seal, warn_unverified, write_float
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.contact_lattice import Modes
@@ -243,7 +242,7 @@ class Bands(Result):
         ]  # fmt: skip
         places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
         masses = np.repeat(self.masses, per_ball).tolist()
-        for name, place, mass in zip(name_atoms(n, self.motions), places, masses, strict=True):
+        for name, place, mass in zip(name_atoms(self.masses, self.motions), places, masses, strict=True):
             lines += [f"- symbol: {name}", f"  coordinates: {_write_row(place.tolist())}", f"  mass: {write_float(mass)}"]
         lines.append("phonon:")
         hertz, velocities = frequencies / unit.hertz, velocities / (self.scales.length * unit.hertz)
@@ -287,8 +286,6 @@ class Bands(Result):
             bands = [q["band"][still:] for q in phonon]
             b, per_ball = len(bands[0]), len(points) // max(n, 1)
             motions, periods = read_motions(own, b // max(n, 1))
-            if name_atoms(n, motions) != [point["symbol"] for point in points]:
-                raise InputError("Its atoms are not those of balls with these motions")
             cell = read_numbers("lattice", data["lattice"])
             qpoints = read_numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
             parts = read_numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
@@ -305,6 +302,8 @@ class Bands(Result):
                 raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
             coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
             masses = read_numbers("mass", [point["mass"] for point in points])
+            if name_atoms(masses[::per_ball], motions) != [point["symbol"] for point in points]:
+                raise InputError("Its atoms are not those of balls with these motions")
             found = cls(
                 qpoints,
                 read_numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),

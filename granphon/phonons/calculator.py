@@ -37,9 +37,11 @@ from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
-from granphon.media.state import ContactState, Law, given_state
+from granphon.media.network_state import NetworkState, as_state, given_state
+from granphon.media.state import ContactState, Law
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.contacts import ContactFinder, keep_rows
+from granphon.phonons.phonopy_atoms import name_balls
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -56,7 +58,7 @@ _STRESS_ORDER = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 _EXTENTS = ("length along x", "area in the plane", "volume")
 
 
-def atoms(state: ContactState) -> Atoms:
+def atoms(state: Any) -> Atoms:
     """Return one cell of the lattice in ``state`` as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
 
     Lengths and masses are in reduced units. The cell is primitive, with Cartesian axes along the cube of cubic lattices; for
@@ -64,9 +66,16 @@ def atoms(state: ContactState) -> Atoms:
     the xy plane; across it the cell is one diameter thick and not periodic. With finite overlap the cell has the spacing
     a = d - delta. Arrays are those of a file ``sample.extxyz``.
 
-    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads.
+    The state of a crystal, a sample or a :class:`~granphon.ContactNetwork` with periods gives the cell of its network: the
+    balls that move, with masses, radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``.
+    These have no calculator, as a network has stiffnesses and no contact law.
+
+    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
-    state = given_state(state)
+    found = as_state(state)
+    if isinstance(found, NetworkState):
+        return _make_network_atoms(found)
+    state = given_state(found)
     scales, lattice = state.scales, state.packing.structure
     spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
     cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
@@ -77,6 +86,20 @@ def atoms(state: ContactState) -> Atoms:
     kind = FINITE if state.finite_overlap else LATTICE
     take_arrays(balls, scales, kind, coordinates=count_coordinates(state.packing))
     balls.calc = HertzMindlin(state)
+    return balls
+
+
+def _make_network_atoms(state: NetworkState) -> Atoms:
+    """Return the balls that move in one cell of a network, in its reduced units."""
+    lattice, network = state.contact_lattice(), state.network
+    cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
+    cell[: lattice.periods] = 0.0
+    cell[: lattice.periods, : lattice.dimension] = lattice.cell
+    positions[:, : lattice.dimension] = lattice.positions
+    pbc = np.arange(3) < lattice.periods
+    balls = Atoms(name_balls(lattice.masses), positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
+    balls.set_array("radius", network.radii[network.moving] / state.scales.length)
+    balls.info.update(state.scales.to_info())
     return balls
 
 

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.base.arguments import real_array, texts, whole_number
 from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, counted, show
-from granphon.base.validation import require
+from granphon.base.validation import real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
 
 Array = NDArray[np.float64]
@@ -35,6 +34,8 @@ _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
 _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 #: letters of the path of a face-centred cubic cell; other cells in space have ASE's
 _FACE_CENTRED_PATH = "GXWKGL"
+#: difference of a cell from a hexagonal or square one, over the square of its side, that is put down to rounding
+_SAME = 1e-6
 #: what the balls of a lattice with one, two or three periods make
 _SHAPES = ("row", "layer", "crystal")
 
@@ -317,14 +318,16 @@ class BandPath:
     def default(cls, structure: Lattice) -> Self:
         """Return the path around the irreducible zone of a lattice.
 
-        It is that of :func:`default_letters`; in the plane G-K-M-G, or G-X-M-G if the cell has a right angle.
+        It is that of :func:`default_letters`.
         """
-        if structure.periods != 2:
-            return cls.read(default_letters(structure.vectors), structure)
-        (ax, ay), (bx, by) = (vector[:2] for vector in structure.cell)
-        cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
-        letters, points = _SQUARE_PATH if abs(cosine) < 1e-6 else _HEXAGONAL_PATH
-        return cls.parse(points, tuple(letters))
+        cell = structure.vectors
+        gram = cell @ cell.T / cell[0].dot(cell[0])
+        if structure.periods == 2 and abs(gram[1, 1] - 1.0) < _SAME:
+            # the paths of hexagonal and square cells are known without ASE
+            for cosine, (letters, points) in ((-0.5, _HEXAGONAL_PATH), (0.0, _SQUARE_PATH)):
+                if abs(gram[0, 1] - cosine) < _SAME:
+                    return cls.parse(points, tuple(letters))
+        return cls.read(default_letters(cell), structure)
 
     @property
     def names(self) -> tuple[str, ...]:

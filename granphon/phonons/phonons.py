@@ -18,13 +18,15 @@ from phonopy.phonon.tetrahedron_method import get_integration_weights
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.arguments import grid_numbers, positive, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.base.text import counted
+from granphon.base.validation import grid_numbers, positive, real_array, whole_number
+from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.media.state import ContactState, given_state
-from granphon.observables.validity import validity
+from granphon.media.network_state import as_state, given_state
+from granphon.media.state import State
+from granphon.observables.validity import find_warnings
 from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
@@ -39,10 +41,19 @@ Array = NDArray[np.float64]
 _MOST_MESH_POINTS = 1e9
 #: number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
+#: and the number of their components
+_MESH_NUMBERS = 2**26
 #: largest standard deviation of a smeared density of states, over the top frequency
 _WIDEST = 1e6
 #: mesh of a density of states for one, two and three periods
 _MESHES = ((1024,), (64, 64), (32, 32, 32))
+#: mesh on which gaps are sought, for one, two and three periods
+_GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
+#: width of a gap, over the top frequency, up to which branches touch
+_NO_GAP = 1e-6
+#: number of points from which the edge of a band is sought, of steps, and the factor by which each is shorter than the one
+#: before: an extremum is then known to rounding, and a corner, where branches touch, to 1e-8
+_STARTS, _STEPS, _SHORTER = 16, 50, 0.7
 #: number of wave vectors, of similar frequencies, whose weights in the tetrahedron method are computed together
 _POINTS_TOGETHER = 128
 
@@ -52,32 +63,35 @@ class Phonons:
 
     Parameters
     ----------
-    state : the state of the contacts, at one load.
-    atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
-        default one cell of the lattice.
+    state : the state of the contacts, at one load; the state of a crystal, a sample, or a
+        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Its cell is that of the network: a ribbon has
+        the bands of one period, and bodies that do not move, such as walls, hold the balls and have no motions.
+    atoms : another cell of the same balls (a supercell, other masses, a defect) of a packing, in the reduced units of the
+        state; by default one cell of the lattice.
     dim : numbers of cells of the supercell for force constants, one for each period, such as (n1, n2), or (n1, n2, 1); by
         default the fewest with which no two balls touch through two images.
 
     Attributes
     ----------
-    state, atoms : the state, and the cell of balls.
+    state, atoms : the state (that of the network, if a network is given), and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
     lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
     phonopy : the :class:`ContactPhonopy` object.
 
     Raises
     ------
-    InputError : a state with several loads; atoms without masses, of other scales, or otherwise refused by
+    InputError : a state with several loads; a network that repeats nowhere, has static tangential forces that act, or is too
+        large for the memory; atoms without masses, of other scales, or otherwise refused by
         :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
     """
 
-    def __init__(self, state: ContactState, atoms: Atoms | None = None, dim: Sequence[int] | None = None) -> None:
-        self.state = state = given_state(state)
+    def __init__(self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None) -> None:
+        self.state: State = (state := as_state(state))
         self.scales: Units = state.scales
         if not isinstance(atoms, Atoms | None):
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
-        for axis in range(state.packing.structure.periods, 3):
+        for axis in range(state.reference_lattice.periods, 3):
             if not self.atoms.cell[axis].any():
                 self.atoms.cell[axis, axis] = 1.0  # phonopy needs three dimensions; the layer is one diameter thick
         if np.any(self._repeats):
@@ -100,15 +114,15 @@ class Phonons:
     def __repr__(self) -> str:
         lattice = self.lattice
         return (
-            f"Phonons({self.state.packing.structure.name}, {counted(lattice.n_balls, 'ball')} in the cell,"
+            f"Phonons({self.state.name.removesuffix(' lattice')}, {counted(lattice.n_balls, 'ball')} in the cell,"
             f" {', '.join(lattice.motions.letters)} of each ball, {counted(lattice.n_branches, 'branch', 'branches')};"
             " frequencies in Hz)"
         )
 
     @cached_property
     def calculator(self) -> HertzMindlin:
-        """The calculator of the state."""
-        return HertzMindlin(self.state)
+        """The calculator of the state; a network has none (:class:`~granphon.base.errors.InputError`)."""
+        return HertzMindlin(given_state(self.state))
 
     @property
     def _periods(self) -> int:
@@ -117,7 +131,7 @@ class Phonons:
     @property
     def _repeats(self) -> NDArray[np.bool_]:
         """Along which of the periods of the lattice the cell repeats, (p,)."""
-        return np.asarray(self.atoms.pbc[: self.state.packing.structure.periods], bool)
+        return np.asarray(self.atoms.pbc[: self.state.reference_lattice.periods], bool)
 
     def _choose_dim(self, given: Sequence[int] | None) -> tuple[int, ...]:
         p = self._periods
@@ -162,7 +176,7 @@ class Phonons:
             # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
             cell[axis] *= 1.0 + np.ceil(2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis]))
         unit = PhonopyAtoms(
-            symbols=name_atoms(len(self.atoms), motions), cell=cell,
+            symbols=name_atoms(self.atoms.get_masses(), motions), cell=cell,
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )  # fmt: skip
@@ -175,7 +189,9 @@ class Phonons:
         place = np.rint((cells.positions - bridge.unitcell.positions[atom]) @ np.linalg.inv(unit.cell)).astype(int)
         where = np.empty((len(unit), *dim), int)
         where[(atom, *(place[:, : len(dim)] % dim).T)] = np.arange(len(atom))
-        # force constants between atoms of the cell and of the supercell, contact by contact
+        # force constants between atoms of the cell and of the supercell, contact by contact; a body that does not move is
+        # none of these atoms
+        free = table.j < self.lattice.n_balls
         constants = np.zeros((len(unit), len(atom), 3, 3))
         home, away, back = np.zeros_like(table.shift), table.shift % dim, -table.shift % dim
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
@@ -186,14 +202,15 @@ class Phonons:
                 (i, rows, i_too, columns, home), (j, far_rows, j_too, far_columns, home),
                 (i, rows, j_too, far_columns, away), (j, far_rows, i_too, columns, back),
             ):  # fmt: skip
-                np.add.at(constants, (one, where[(other, *shift.T)]), blocks[:, row, column])
+                kept = free if one is j or other is j_too else np.ones(len(table), bool)
+                np.add.at(constants, (one[kept], where[(other[kept], *shift[kept].T)]), blocks[kept, row, column])
         bridge.give_force_constants(constants)
         return bridge
 
     def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
         """Return the warnings on the state, and on branches and single modes among ``frequencies`` that cost nothing."""
         soft = self.lattice.soft_mode_warnings(wavevectors, frequencies)
-        return (*validity(self.state).warnings, *self.lattice.free_branch_warnings, *soft)
+        return (*find_warnings(self.state), *self.lattice.free_branch_warnings, *soft)
 
     # -- spectra ----------------------------------------------------------------------------------------------------
 
@@ -255,6 +272,11 @@ class Phonons:
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
         along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
         b, d = self.lattice.n_branches, self._periods
+        size = 16 * q.size // d * b * b
+        if size > MOST_BYTES:
+            what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
+            mend = "Give fewer npoints or segments, or take Phonons.frequencies(qpoints), which keeps no eigenvectors"
+            raise InputError(message(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend))
         modes = self.lattice.modes(q.reshape(-1, d), along)
         return Bands(
             segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
@@ -291,7 +313,8 @@ class Phonons:
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
-        modes = (self.lattice.modes(some, np.eye(p)[0]) for some in np.array_split(q, -(-len(q) // _MESH_POINTS)))
+        pieces = -(-len(q) // min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2)))
+        modes = (self.lattice.modes(some, np.eye(p)[0]) for some in np.array_split(q, pieces))
         values, rotation = map(np.concatenate, zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True))
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
@@ -329,6 +352,55 @@ class Phonons:
         return DensityOfStates(
             at * self.scales.frequency, density[0], density[1], method, numbers, self._find_warnings(q, values)
         )
+
+    def gaps(self, mesh: Sequence[int] | None = None) -> Array:
+        """Return the gaps, (n, 2) Hz, ascending: intervals from zero to the top frequency in which no branch lies.
+
+        The edges of bands are sought on a mesh of the whole zone and at its special points, and from the best of these at
+        ever nearer points until they change no more. If something holds the balls, the interval below the lowest branch
+        counts. Intervals below a millionth of the top frequency are branches that touch.
+
+        Parameters
+        ----------
+        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16 x 16 x 16.
+        """
+        p, given = self._periods, _GAP_MESHES[self._periods - 1] if mesh is None else mesh
+        numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p)
+        axes = [np.arange(number) / number for number in numbers]
+        axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, p)
+        q = np.concatenate([grid, *(point[None, :p] for point in self.special_points.values())])
+        values = self.lattice.frequencies(self.lattice.wavevectors(q))
+        low, high = values.min(axis=0), values.max(axis=0)
+        least = _NO_GAP * float(high[-1])
+        reached = np.maximum.accumulate(high)
+        found = []
+        for branch in range(len(low)):
+            below = reached[branch - 1] if branch else 0.0
+            if low[branch] - below <= least:
+                continue
+            above = self._seek(q, values, branch, -1.0, numbers)
+            if branch:
+                # whichever branch below reaches highest, the last of them is at least as high at its wave vector
+                below = self._seek(q, values, branch - 1, 1.0, numbers)
+            if above - below > least:
+                found.append((below, above))
+        return np.reshape(found, (-1, 2)) * self.scales.frequency
+
+    def _seek(self, points: Array, known: Array, branch: int, sign: float, numbers: tuple[int, ...]) -> float:
+        """Return the highest (``sign`` = 1) or lowest frequency of a branch, by ever shorter steps from the best points.
+
+        ``known`` (n, branches) are the frequencies, (k/M)^1/2, at the ``points`` (n, p).
+        """
+        p = points.shape[1]
+        around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * p, indexing="ij"), axis=-1).reshape(-1, p)
+        best, step = points[np.argsort(-sign * known[:, branch], kind="stable")[:_STARTS]], 0.7 / np.array(numbers)
+        for _ in range(_STEPS):
+            q = best[:, None] + around * step
+            values = sign * self.lattice.frequencies(self.lattice.wavevectors(q).reshape(-1, p))[:, branch]
+            values = values.reshape(len(best), -1)
+            best, step = q[np.arange(len(best)), values.argmax(axis=1)], _SHORTER * step
+        return float(sign * np.max(values))
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:
         """Return a Gamma-centred mesh, reduced by the point group of the lattice if the frequencies have its symmetry."""

@@ -25,14 +25,32 @@ from granphon.base.text import show
 Array = NDArray[np.float64]
 #: chemical symbol of the atoms that hold rotations alone
 SPIN = "Sn"
+#: chemical symbols of balls of different masses, in the order in which these come
+KINDS = (BALL, "Al", "Cu", "Ti", "Zn", "W", "Pb", "Ni", "Ag", "Au", "Si", "Cr")
+#: relative difference of masses that are one but for rounding
+_ONE_MASS = 1e-9
 #: displacement of these atoms from the centres of the balls, in diameters. It is so short that the nearest images of
 #: touching balls stay the same, and has no symmetry
 OFFSET: Array = read_only([0.0031, 0.0047, 0.0059])
 
 
-def name_atoms(balls: int, motions: Motions) -> list[str]:
-    """Return the chemical symbols of the atoms of ``balls`` balls, ball after ball."""
-    return [BALL, SPIN][: motions.atoms_per_ball] * balls
+def name_balls(masses: Array) -> list[str]:
+    """Return a chemical symbol for each ball: one for each kind, which is a mass (n,); one for all of too many kinds."""
+    kinds: list[float] = []
+    numbers = []
+    for mass in masses.tolist():
+        kind = next((one for one, known in enumerate(kinds) if abs(mass - known) <= _ONE_MASS * known), len(kinds))
+        if kind == len(kinds):
+            kinds.append(mass)
+        if len(kinds) > len(KINDS):
+            return [BALL] * len(masses)
+        numbers.append(kind)
+    return [KINDS[number] for number in numbers]
+
+
+def name_atoms(masses: Array, motions: Motions) -> list[str]:
+    """Return the chemical symbols of the atoms of balls with these masses (n,), ball after ball."""
+    return [symbol for ball in name_balls(masses) for symbol in (ball, SPIN)[: motions.atoms_per_ball]]
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:

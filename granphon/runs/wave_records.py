@@ -29,7 +29,6 @@ from granphon.media.cost import find_typical_force
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
-from granphon.networks.network import ContactNetwork
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.operator import WaveOperator
@@ -67,7 +66,7 @@ def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, 
         ends = list(dict.fromkeys((float(np.min(forces)), float(np.max(forces)))))
         for number, force in enumerate(ends):
             ideal = AveragedLattice(medium.packing).at(Load.only(force=force))[0]
-            network = ContactNetwork.from_state(ideal, medium.cells)
+            network = ideal.network.repeat(medium.cells)
             if (settings := wanted.spectrum) is not None and not number:
                 packing = medium.packing
                 way = find_path_points(network, ideal_lattice(packing), packing.diameter, wanted.path, settings.points)

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +19,6 @@ from granphon.balls.contact_table import TOUCH, select_once, steps_within
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.results import Result
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
 from granphon.media.friction_history import REST, FrictionHistory
 from granphon.media.simulation import DirectSimulation
@@ -55,35 +52,8 @@ def observe(state: ContactState) -> Array:
     return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Ensemble(Result):
-    """Estimates for the infinite array under some loads, from samples.
-
-    Attributes
-    ----------
-    values : the :data:`QUANTITIES`, (n_loads, 3), SI.
-    errors : their relative standard errors, (n_loads, 3).
-    noise : relative standard deviation of a sample times the root of its number of balls, (n_loads, 3).
-    overlaps : mean overlap, (n_loads,), m.
-    shape : numbers of cells of each sample along a1, a2, ...
-    samples : number of samples.
-    balls : number of balls in all samples together.
-    """
-
-    units: ClassVar[dict[str, str]] = {"overlaps": "m", "errors": "1", "noise": "1"}
-    _shapes = {"values": "n 3", "errors": "n 3", "noise": "n 3", "overlaps": "n"}
-
-    values: Array
-    errors: Array
-    noise: Array
-    overlaps: Array
-    shape: tuple[int, ...]
-    samples: int
-    balls: int
-
-
-class Moments:
-    """Collect samples: :meth:`add` some, a few at a time, then ask for the :meth:`ensemble`.
+class Ensemble:
+    """Samples, and what they say of the infinite array: :meth:`add` some, a few at a time, then ask for the :meth:`means`.
 
     All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and ``shape`` (L1, ..., Lp);
     their seeds count from ``seed``. They are samples of ``truth``. Raises what
@@ -94,45 +64,43 @@ class Moments:
         self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: FrictionHistory = REST
     ) -> None:
         self.packing, self.load, self.shape, self.seed, self.truth = packing, load, shape, seed, truth
-        self._moduli: list[Array] = []
-        self._overlaps: list[Array] = []
+        #: of each sample (n_loads, 3) what means are taken of: rho v^2 of both velocities, Pa, and k, N/m, or 1/k
+        self.moduli: list[Array] = []
         self._excess: list[Array] = []
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self.moduli)
 
     def add(self, count: int = 1) -> None:
         """Simulate ``count`` more samples."""
-        seed = self.seed + len(self._moduli)
-        simulation = DirectSimulation(self.packing, self.shape, seed, count, **self.truth.options)
+        simulation = DirectSimulation(self.packing, self.shape, self.seed + self.samples, count, **self.truth.options)
         state = simulation.at(self.load)
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
-        moduli = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1]
         k = state.over_samples(lambda sample: sample.normal_stiffness)
         # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
-        rows = np.stack([*moduli, k if state.fixed_overlap else 1.0 / k], axis=-1)
-        self._moduli.extend(np.moveaxis(rows, 1, 0))
+        rows = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1], k if state.fixed_overlap else 1.0 / k
+        self.moduli.extend(np.moveaxis(np.stack(rows, axis=-1), 1, 0))
         self._densities = np.asarray(state.effective_density)
-        self._overlaps.extend(state.over_samples(lambda sample: sample.overlap).T)
-        self._excess.extend(np.array(list(_measure_excess(simulation))))
+        self._excess.extend(np.array(list(measure_excess(simulation))))
 
-    def ensemble(self) -> Ensemble:
-        """Return mean and standard error over the samples, of which there must be two or more."""
-        moduli, excess = np.array(self._moduli), np.array(self._excess)
-        count, balls = len(moduli), math.prod(self.shape) * self.packing.structure.n_balls
-        spread = np.std(moduli, axis=0, ddof=1) / np.mean(moduli, axis=0)
-        means, errors = _regress(moduli.reshape(count, -1), excess)
-        means, errors = means.reshape(moduli.shape[1:]), errors.reshape(moduli.shape[1:])
+    def means(self) -> tuple[Array, Array]:
+        """Return the :data:`QUANTITIES`, SI, and their relative standard errors, (n_loads, 3); of two samples or more."""
+        moduli = np.array(self.moduli)
+        means, errors = (
+            one.reshape(moduli.shape[1:]) for one in regress(moduli.reshape(self.samples, -1), np.array(self._excess))
+        )
         squares = np.abs(means) / np.stack([*[self._densities] * 2, np.full(len(means), self.packing.mass)], axis=1)
         if self.load.kind != "overlap":
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
-        return Ensemble(
-            np.sqrt(squares), 0.5 * errors / np.abs(means), 0.5 * spread * math.sqrt(balls),
-            np.mean(self._overlaps, axis=0), self.shape, count, count * balls,
-        )  # fmt: skip
+        return np.sqrt(squares), 0.5 * errors / np.abs(means)
 
 
-def _measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
+def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
     """Yield the means of x^2 and of x x' over each shell of near pairs of each sample, minus those of the infinite array."""
     structure = simulation.packing.structure
-    shells, axes = _find_near_pairs(structure), tuple(range(structure.periods))
+    shells, axes = find_near_pairs(structure), tuple(range(structure.periods))
     for index in range(simulation.samples):
         given = simulation.deviations(index)
         x = given if structure.n_balls > 1 else given[None]
@@ -141,7 +109,7 @@ def _measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
 
 
 @lru_cache(maxsize=64)
-def _find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, ...]]]]:
+def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, ...]]]]:
     """Find the pairs of near balls, shell after shell: ball i of a cell, and ball j of the cell that is shifted from it.
 
     Each pair counts once. Balls at the same distance are one shell.
@@ -159,7 +127,7 @@ def _find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int,
     ]
 
 
-def _regress(values: Array, excess: Array) -> tuple[Array, Array]:
+def regress(values: Array, excess: Array) -> tuple[Array, Array]:
     """Return means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their standard errors, each (m,)."""
     count, known = excess.shape
     design = np.ones((count, 1))

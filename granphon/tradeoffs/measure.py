@@ -1,6 +1,6 @@
 """Measure speed against accuracy: time and error of each medium.
 
-The study of the media (:mod:`granphon.tradeoffs.media_study`) is a task (:mod:`granphon.runs.execution`) with a budget of
+The study of the media (:mod:`granphon.tradeoffs.study`) is a task (:mod:`granphon.runs.execution`) with a budget of
 time, and is kept once it is finished. Each of its points is timed several times after a run to warm up, and its error is
 that of the quantities that a scene observes.
 """
@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import compress
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -22,20 +23,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.digests import digest
-from granphon.base.errors import GranphonError
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
+from granphon.base.text import digest
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
+from granphon.media.loaded_lattice import ideal_lattice
+from granphon.media.simulation import DirectSimulation
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
-from granphon.tradeoffs.media_study import MediaStudy, choose_study
-from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch
+from granphon.tradeoffs.ensemble import QUANTITIES
+from granphon.tradeoffs.study import SECONDS, Deadline, MediaStudy, Point, Reference, Stopwatch
 
 Array = NDArray[np.float64]
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
@@ -243,7 +246,7 @@ def tradeoff(
         coefficient, or the reverse; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
     FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a sweep.
     """
-    load = Load.only(force=force, pressure=pressure, overlap=overlap)
+    applied = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
     for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
         require(name, partial(whole, low=low, high=1000), value)
@@ -252,53 +255,76 @@ def tradeoff(
     require("finite_overlap", truth, finite_overlap)
     given = dict(zip(REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True))
     against = require("tradeoff", FrictionHistory.read, given)
-    loads = np.unique(load.array)
+    loads = np.unique(applied.array)
     if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
-    asked = choose_study(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch, against)
+    if not packing.width:
+        why = "All media are exact for them, and equally fast"
+        raise InputError(message("equal balls leave nothing to compare", why, "Give the packing a spread"))
+    # balls that differ need a simulated array by which media are judged
+    structure = packing.structure
+    where, mend, why = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out", ""
+    if finite_overlap:
+        where, mend = "with finite overlap", "Leave finite_overlap out, or the spread"
+        why = "Their reference is the simulated array, which has the paper's limit only"
+    elif structure.periods == 1:
+        why = "On a line all contacts carry the same force, and every medium is exact"
+    else:
+        try:
+            DirectSimulation(packing, (1,) * structure.periods, **against.options)
+        except GranphonError as error:
+            told = f"Their reference is the simulated array: {error}"
+            raise InputError(message(f"media are not compared {where}", told)) from None
+        if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
+            why = "In the plane velocities are compared where sound is isotropic"
+    if why:
+        raise InputError(message(f"media are not compared {where}", why, mend))
+    asked = ["velocities" in observe, "velocities" in observe, bool({"bands", "dos"} & set(observe))]
+    study = MediaStudy(packing, Load(applied.kind, loads), tuple(compress(QUANTITIES, asked)), stopwatch, against)
     identity = {
-        "trade-off of": packing, load.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
+        "trade-off of": packing, applied.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
         "against": asdict(against), "budget": budget, "runs": runs, "versions": packages(),
     }  # fmt: skip
-    return carry_out(asked, load.kind, budget, runs, progress, stopwatch, executor, store, json.loads(to_json(identity)))
+    return carry_out(study, budget, runs, progress, executor, store, json.loads(to_json(identity)))
 
 
 def carry_out(
     study: MediaStudy,
-    kind: str,
     budget: float,
     runs: int = LEAST_RUNS,
     progress: Progress = silent,
-    stopwatch: Stopwatch = SECONDS,
     executor: Executor | None = None,
     store: Store | None = None,
     identity: Mapping[str, Any] | None = None,
 ) -> TradeOff:
-    """Carry out a study of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it), by an ``executor``.
+    """Carry out a study within a ``budget`` (s, as its stopwatch tells it), by an ``executor``.
 
     Once it is finished it is kept in a ``store``, which is claimed for the ``identity`` of the trade-off: plain data that
     say which it is.
     """
     told = progress if executor is None else silent
-    task = _StudyTask(study, f"study-{digest(identity)}-{study.name}", budget, runs, stopwatch, told)
+    task = _StudyTask(study, f"study-{digest(identity)}-{study.name}", budget, runs, told)
     if store is not None:
         store.claim(identity, lambda: [task.name])
     label, shown = (task.where, silent) if executor is None else ("trade-off", progress)
     (found,) = solve_all(label, [task], executor, shown, store)
     points = tuple(MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist())
     references = {study.name: found["made"].item()} if found["made"].size else {}
-    observed, seconds = {study.name: study.observed}, float(found["seconds"].item())
-    return TradeOff(points, kind, study.loads, observed, references, runs, seconds, float(budget))
+    observed, seconds, load = {study.name: study.quantities}, float(found["seconds"].item()), study.load
+    return TradeOff(points, load.kind, load.values, observed, references, runs, seconds, float(budget))
 
 
 class _Runs(NamedTuple):
     """The runs of a point: their outcomes, times of solving and preparing (s), and memory (bytes)."""
 
-    point: Point
     outcomes: list[Any]
     seconds: list[float]
     setups: list[float]
-    memory: int
+    memory: int = 0
+
+
+class _BudgetError(GranphonError):
+    """The time left is too short to run a point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +335,6 @@ class _StudyTask:
     name: str
     seconds: float
     runs: int
-    stopwatch: Stopwatch
     progress: Progress = silent
 
     steps: ClassVar[int] = 1
@@ -319,45 +344,71 @@ class _StudyTask:
     def where(self) -> str:
         return f"study {self.study.name}"
 
-    @property
-    def kind(self) -> str:
-        return self.where
+    kind = where
 
     def done(self, part: TaskResult) -> int:
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Measure the points of the study in a part of its time, from now on, and find its reference in the rest."""
-        study, now = self.study, self.stopwatch.now
+        study, now = self.study, self.study.stopwatch.now
         start = now()
-        deadline = Deadline(self.stopwatch, start + self.seconds)
-        halfway = Deadline(self.stopwatch, now() + _FOR_POINTS * deadline.left)
-        points, failures, done = study.make_points(), dict[Point, str](), list[_Runs]()
+        deadline = Deadline(study.stopwatch, start + self.seconds)
+        halfway = Deadline(study.stopwatch, now() + _FOR_POINTS * deadline.left)
+        points, failures, done, taken = study.make_points(), dict[Point, str](), dict[Point, _Runs](), dict[str, float]()
+
+        def require_time(seconds: float) -> None:
+            """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end by the deadline."""
+            if (self.runs + _MORE_RUNS) * seconds > halfway.left:
+                about = write_quantity(float(f"{seconds:.2g}"), "s") if 1e-3 < seconds < math.inf else ""
+                raise _BudgetError("not run, beyond the budget" + (f": {self.runs} runs of about {about}" if about else ""))
+
         with self.progress.step(study.name, len(points)) as step:
-            taken: dict[str, float] = {}
             for point in points:
+                ran = _Runs([], [], [])
                 try:
-                    # a knob that is turned further takes longer
-                    done.append(_time(point, self.runs, halfway, max(point.seconds, taken.get(point.method, 0.0))))
-                    taken[point.method] = statistics.median(done[-1].seconds)
+                    # a knob that is turned further takes longer; a run to warm up tells how long
+                    require_time(max(point.seconds, taken.get(point.method, 0.0)))
+                    begin = now()
+                    point.solve(point.prepare(0))
+                    require_time(now() - begin)
+                    for run in range(1, self.runs + 1):
+                        begin = now()
+                        ready = point.prepare(run)
+                        between = now()
+                        ran.outcomes.append(point.solve(ready))
+                        ran.seconds.append(now() - between)
+                        ran.setups.append(between - begin)
+                    # one more run, which is slower because its memory is watched
+                    tracemalloc.start()
+                    try:
+                        point.solve(point.prepare(0))
+                        done[point] = ran._replace(memory=tracemalloc.get_traced_memory()[1])
+                    finally:
+                        tracemalloc.stop()
+                    taken[point.method] = statistics.median(ran.seconds)
                 except _BudgetError as error:
                     failures[point], taken[point.method] = str(error), math.inf
                 except GranphonError as error:
                     failures[point] = str(error)
                 step.advance()
             # few runs do not tell the rms error of a random point: it is run more often, untimed, in half of the time left
-            random = [one for one in done if one.point.random]
+            random = [point for point in done if point.random]
             until = now() + 0.5 * halfway.left
-            for place, one in enumerate(random):
-                long = statistics.median(one.seconds) + statistics.median(one.setups)
-                end = now() + (until - now()) / (len(random) - place)
-                while len(one.outcomes) < _MOST_DRAWS and now() + _MARGIN * long < end:
-                    one.outcomes.append(one.point.solve(one.point.prepare(len(one.outcomes) + 1)))
+            for place, point in enumerate(random):
+                long = statistics.median(done[point].seconds) + statistics.median(done[point].setups)
+                end, outcomes = now() + (until - now()) / (len(random) - place), done[point].outcomes
+                while len(outcomes) < _MOST_DRAWS and now() + _MARGIN * long < end:
+                    outcomes.append(point.solve(point.prepare(len(outcomes) + 1)))
+
+        def square(point: Point, reference: Reference) -> Array:
+            """Return the squares of the relative errors of all runs of a point, (n, n_loads, n_observed)."""
+            return np.asarray(np.square(np.array(done[point].outcomes) / reference.values - 1.0))
 
         def better(reference: Reference) -> bool:
             """Return whether the reference is good enough for every point."""
-            found = [(study.compute_errors(one.outcomes, reference), reference.errors) for one in done]
-            return all(np.max(e) >= BETTER * r.flat[int(np.argmax(e))] for e, r in found)
+            found = (np.sqrt(np.mean(square(point, reference), axis=0)) for point in done)
+            return all(np.max(e) >= BETTER * reference.errors.flat[int(np.argmax(e))] for e in found)
 
         reference, problem = None, "no point was run"
         if done:
@@ -366,20 +417,21 @@ class _StudyTask:
                     reference = study.find_reference(deadline, better, step)
                 except GranphonError as error:
                     problem = f"there is no reference: {error}"
-        measured, nothing, known = list[MeasuredPoint](), np.zeros(0), {one.point: one for one in done}
+        measured, nothing = list[MeasuredPoint](), np.zeros(0)
         for point in points:
-            if (ran := known.get(point)) is None:
+            if point not in done:
                 why = failures.get(point, problem)
                 measured.append(MeasuredPoint(study.name, point.method, point.knob, nothing, nothing, failure=why))
                 continue
+            ran = done[point]
             errors, known_errors, stderrs, floor = nothing, nothing, nothing, 0.0
             if reference is not None:
-                errors, floor = study.compute_errors(ran.outcomes, reference), study.find_floor(point, ran.outcomes)
-                known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
-                stderrs = np.zeros_like(errors)
+                squares = square(point, reference)
+                errors, known_errors = np.sqrt(np.mean(squares, axis=0)), reference.errors
+                stderrs, floor = np.zeros_like(errors), float(np.finfo(float).eps) * study.condition
                 if point.random:
-                    squares = np.array([study.compute_errors([outcome], reference) ** 2 for outcome in ran.outcomes])
                     stderrs = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
+                    floor = float(np.max(np.std(ran.outcomes, axis=0, ddof=1) / np.mean(ran.outcomes, axis=0)))
             low, middle, high = statistics.quantiles(ran.seconds, n=4)
             measured.append(MeasuredPoint(
                 study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
@@ -388,39 +440,3 @@ class _StudyTask:
             ))  # fmt: skip
         texts, made = [json.dumps(point.to_dict()) for point in measured], [reference.made] if reference else []
         return {"points": np.array(texts, str), "made": np.array(made, str), "seconds": np.array(now() - start)}
-
-
-class _BudgetError(GranphonError):
-    """The time left is too short to run a point."""
-
-
-def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:
-    """Warm up and time a point; :class:`_BudgetError` if its runs, of ``about`` s each, would not end by the deadline."""
-    now = deadline.stopwatch.now
-
-    def require_time(seconds: float) -> None:
-        if (runs + _MORE_RUNS) * seconds > deadline.left:
-            long = (
-                f": {runs} runs of about {write_quantity(float(f'{seconds:.2g}'), 's')}" if 1e-3 < seconds < math.inf else ""
-            )
-            raise _BudgetError(f"not run, beyond the budget{long}")
-
-    require_time(about)
-    begun = now()
-    point.solve(point.prepare(0))
-    require_time(now() - begun)
-    outcomes, seconds, setups = [], [], []
-    for run in range(1, runs + 1):
-        begun = now()
-        ready = point.prepare(run)
-        between = now()
-        outcomes.append(point.solve(ready))
-        seconds.append(now() - between)
-        setups.append(between - begun)
-    tracemalloc.start()
-    try:
-        point.solve(point.prepare(0))
-        memory = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    return _Runs(point, outcomes, seconds, setups, memory)

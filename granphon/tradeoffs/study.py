@@ -1,25 +1,65 @@
-"""Parts of a study of speed against accuracy: its points, its reference, and the stopwatch that times them.
+"""The study of the media: error and time of mean fields and of simulations of several sizes, against many samples.
 
-A study asks one question. Each of its points is a method with a knob, such as a grid with so many points; the reference is
-what another algorithm finds, and the error of a point is its distance from the reference.
+Each of its points is a method with a knob, such as a simulation of so many balls. The reference is an ensemble of samples,
+checked by another algorithm, and the error of a point is its distance from it.
 """
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.distributions import PointShape
+from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError
-from granphon.media.cost import Cost
+from granphon.base.progress import Step
+from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
+from granphon.media.choice import even_shape
+from granphon.media.cost import Cost, estimate, write_duration
+from granphon.media.friction_history import REST, FrictionHistory
+from granphon.media.left_out import LATTICE
+from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
+from granphon.media.simulation import DirectSimulation
+from granphon.media.state import ContactState
+from granphon.observables.velocities import local_exponent
+from granphon.tradeoffs.ensemble import QUANTITIES, Ensemble, observe
+
+if TYPE_CHECKING:
+    from granphon.balls.diameters import Spread
 
 Array = NDArray[np.float64]
-#: relative distance between neighbouring double-precision numbers at 1
-EPSILON = float(np.finfo(float).eps)
+#: first seed of the reference's samples, far from the seeds of the points
+_REFERENCE_SEED = 1_000_000
+#: least number of samples of the reference
+_LEAST_SAMPLES = 3
+#: sides, in diameters, of the samples of points, with two and with three periods
+_SIDES = {2: (8, 16, 32, 64, 128), 3: (4, 6, 10, 16, 24)}
+#: sides, in diameters, of the samples of the reference
+_REFERENCE_SIDES = {2: 64, 3: 14}
+#: the same if they are loaded with friction, which takes many times longer
+_LOADED_SIDES = {2: 32, 3: 8}
+#: sides, in diameters, of the sample that a sparse LU solves as well, as a check
+_CHECKED_SIDES = {2: 24, 3: 6}
+#: part of the tolerance of steps with which that sample is loaded once more, if samples are loaded with friction
+_SHORTER = 0.1
+#: number of samples between two checks whether the reference is good enough
+_SAMPLES_BETWEEN_LOOKS = 8
+#: number of openings of listed diameters above which solving the effective medium takes noticeable time
+_MOST_OPENINGS = 40
+#: diameters in the short list whose solution is timed to predict that of a long one
+_TRIAL_DIAMETERS = 20
+#: the time of a solution is proportional to this power of the number of openings
+_TIME_POWER = 1.1
 
 
 class Stopwatch:
@@ -87,3 +127,176 @@ class Reference(NamedTuple):
     values: Any
     errors: Array
     made: str
+
+
+@dataclass(frozen=True)
+class MediaStudy:
+    """The media against the simulated array, at rest without friction or loaded with friction.
+
+    Attributes
+    ----------
+    packing, load : balls of different diameters, and the loads at which errors are measured.
+    quantities : those of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` whose errors are measured.
+    stopwatch : measures all times.
+    truth : which simulated arrays media are judged by.
+    sides, counts : sides, in diameters, of the samples of a simulation, and how many samples it has.
+    reference_side : side of the reference's samples. By default sides are those for the dimension of the lattice.
+    """
+
+    name: ClassVar[str] = "media"
+
+    packing: Packing
+    load: Load
+    quantities: tuple[str, ...]
+    stopwatch: Stopwatch = SECONDS
+    truth: FrictionHistory = REST
+    sides: tuple[int, ...] = ()
+    counts: tuple[int, ...] = (1, 4)
+    reference_side: int = 0
+
+    @cached_property
+    def _exact(self) -> list[int]:
+        """Indices of the loads at which the arrays of the truth have their exact geometry."""
+        simulation = DirectSimulation(self.packing, **self.truth.options)
+        return [place for one, places in simulation.by_geometry(self.load) if one.is_exact for place in places]
+
+    @property
+    def _columns(self) -> list[int]:
+        """Indices of the observed quantities."""
+        return [QUANTITIES.index(name) for name in self.quantities]
+
+    def observe(self, medium: Any) -> Array:
+        """Return the observed quantities of a medium, (n_loads, n_observed), with finite overlap where the truth has it."""
+        out = np.empty((self.load.size, len(QUANTITIES)))
+        others = [place for place in range(self.load.size) if place not in self._exact]
+        for places, finite in ((self._exact, True), (others, None)):
+            if places:
+                out[places] = observe(medium.at(self.load[places], finite_overlap=finite))
+        return out[:, self._columns]
+
+    @cached_property
+    def solving(self) -> float:
+        """Predicted time of solving the effective medium, s; zero up to 40 openings."""
+        shape: Any = cast("Spread", self.packing.spread).shape
+        if shape.openings.size <= _MOST_OPENINGS:
+            return 0.0
+        x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, _TRIAL_DIAMETERS).astype(int))]
+        few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
+        begun = self.stopwatch.now()
+        solve_curve(few, 1.0, 12, 1e-10)
+        return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** _TIME_POWER)
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the velocities: the largest factor by which relative errors of load and width act on them."""
+        state: ContactState = AveragedForce(self.packing).at(self.load)
+        if not self.solving:
+            with suppress(GranphonError):  # the loads may be below those of the effective medium
+                state = EffectiveMedium(self.packing).at(self.load)
+        by_force = np.asarray(local_exponent(state))
+        overlap = np.asarray(state.overlap)
+        # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
+        by_load = by_force if self.load.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
+        by_width = 1.5 * (by_force - 1.0 / 6.0) if self.load.kind != "overlap" else 0.25 - by_load
+        return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
+
+    def make_points(self) -> list[Point]:
+        """Return the points, in the order of their predicted times."""
+        packing, structure = self.packing, self.packing.structure
+        with suppress(GranphonError):  # found once for all runs; a lattice that has none says so in its point
+            _ = EffectiveMedium(packing).local_field
+
+        def prepare_effective(make: Callable[[], EffectiveMedium], run: int) -> EffectiveMedium:
+            effective_curve.cache_clear()
+            made = make()
+            _ = cast("EffectiveLaw", made.law).curve
+            return made
+
+        def prepare_simulation(shape: tuple[int, ...], samples: int, of: FrictionHistory, run: int) -> DirectSimulation:
+            return DirectSimulation(packing, shape, run * samples, samples, **of.options)
+
+        fields = {"effective medium": ("computed field", lambda: EffectiveMedium(packing))}
+        if structure == TRIANGULAR:  # the paper prints no field of another lattice
+            fields["effective medium, paper's field"] = "printed field", lambda: EffectiveMedium(packing, "paper")
+        found = [
+            Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), self.observe),
+            Point("averaged force", "afa", lambda run: AveragedForce(packing), self.observe),
+            *(Point(method, knob, partial(prepare_effective, make), self.observe, self.solving)
+              for method, (knob, make) in fields.items()),
+        ]  # fmt: skip
+        shapes = [even_shape(structure, side) for side in self.sides or _SIDES[structure.periods]]
+        for of, samples, shape in itertools.product(dict.fromkeys((REST, self.truth)), self.counts, shapes):
+            prepare = partial(prepare_simulation, shape, samples, of)
+            seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
+            method = f"simulation{' with friction' * of.is_loaded}, {samples} sample{'s' if samples > 1 else ''}"
+            found.append(Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True))
+        return sorted(found, key=lambda point: point.seconds)
+
+    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+        """Simulate samples until ``better`` accepts the reference or the time is up.
+
+        One smaller sample is solved in another way too, as a check: see :meth:`compare`. Raises
+        :class:`~granphon.base.errors.GranphonError` if there is no time for it.
+        """
+        structure, loaded, now = self.packing.structure, self.truth.is_loaded, deadline.stopwatch.now
+        sides = _LOADED_SIDES if loaded else _REFERENCE_SIDES
+        shape = even_shape(structure, self.reference_side or sides[structure.periods])
+        samples = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
+        begun = now()
+        simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
+        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, self.load))
+        if least > deadline.left:
+            raise GranphonError(
+                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {write_duration(least)}."
+            )
+        checked, apart = self.compare(deadline)
+
+        def summarize() -> Reference:
+            """Return the reference from the samples so far; what the check differs by adds to its errors in quadrature."""
+            values, errors = (table[:, self._columns] for table in samples.means())
+            each = "balls" if structure.n_balls == 1 else "cells"
+            made = f"{samples.samples} samples of {_write_shape(shape)} {each} {self.truth.words}, with control variates"
+            return Reference(values, np.hypot(errors, apart[:, None]), f"{made}; {checked} by {np.max(apart):.0e}")
+
+        longest = 0.0
+        while deadline.left > 1.5 * longest:
+            start = now()
+            samples.add()
+            step.advance()
+            longest, count = max(longest, now() - start), samples.samples
+            if count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0 and better(summarize()):
+                break
+        if samples.samples < _LEAST_SAMPLES:
+            taken = write_duration(now() - begun)
+            raise GranphonError(f"the budget allows only {samples.samples} of its samples ({taken}), which are too few.")
+        return summarize()
+
+    def compare(self, deadline: Deadline) -> tuple[str, Array]:
+        """Solve a small sample of the truth in another way: return what differs, in words, and the differences (n_loads,).
+
+        One that is loaded with friction is loaded once more, in shorter steps. Of one at rest, equilibrium and response are
+        found by another algorithm, a sparse LU; both have the directions of the lattice, which that algorithm knows alone.
+        """
+        from granphon.array.sparse import SparseArray
+
+        shape = even_shape(self.packing.structure, _CHECKED_SIDES[self.packing.structure.periods])
+        if self.truth.is_loaded:
+            own = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
+            ratio = self.observe(own) / self.observe(replace(own, step_tolerance=_SHORTER * own.step_tolerance))
+            words = "velocities in steps of a tenth of the tolerance"
+            apart = np.max(np.abs(ratio - 1.0), axis=-1)
+        else:
+            words, eta = "equilibrium and response by sparse LU", self.packing.mindlin_ratio
+            state = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE).at(self.load)
+            apart = np.empty(self.load.size)
+            for place, rest in enumerate(sample.equilibrium for sample in state.samples):
+                other = SparseArray(rest.deviations, rest.lattice)
+                forces = other.forces(rest.overlap, check=deadline.check)
+                tensor, ours = other.elastic_tensor(forces, eta), rest.find_elasticity(eta)
+                off = np.max(np.abs(tensor - ours)) / np.max(ours)
+                apart[place] = max(abs(np.mean(forces) / rest.force - 1.0), 0.5 * off)
+        return f"of one of {_write_shape(shape)}, {words} differ", apart
+
+
+def _write_shape(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))

@@ -11,11 +11,11 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import whole_number
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, message
 from granphon.base.text import counted
-from granphon.networks.network import ContactNetwork
-from granphon.observables.validity import find_network_warnings
+from granphon.base.validation import whole_number
+from granphon.networks.network import ContactNetwork, given_network
+from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import MOST_MOMENTS, AllModes, RandomVectors, SpectralDensity
 from granphon.waves.eigenproblem import DENSE
@@ -62,25 +62,14 @@ class Waves:
 
     Parameters
     ----------
-    source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; or ``ase.Atoms`` with a
-        :class:`~granphon.phonons.calculator.HertzMindlin`.
+    source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; a state, whose network is one cell, so
+        that these are waves at Gamma; or ``ase.Atoms`` with a :class:`~granphon.phonons.calculator.HertzMindlin`.
 
     Raises :class:`~granphon.base.errors.InputError` for something else.
     """
 
     def __init__(self, source: Any) -> None:
-        found = source if isinstance(source, ContactNetwork) else getattr(source, "network", None)
-        find = getattr(getattr(source, "calc", None), "contact_network", None)
-        if not isinstance(found, ContactNetwork):
-            found = find(source) if find is not None else None
-        if found is None and hasattr(source, "contact_network") and hasattr(source, "packing"):
-            several = "" if not source.samples else ", or one of its samples, as in gp.Waves(state.samples[0])"
-            mend = f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}"
-            raise InputError(message("a state is of a lattice without end", "Waves are of an array of some cells", mend))
-        if found is None:
-            mend = "Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin"
-            raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
-        self.network: ContactNetwork = found
+        self.network: ContactNetwork = given_network(source)
 
     def __repr__(self) -> str:
         network, motions = self.network, self.network.ball_motions
@@ -92,7 +81,7 @@ class Waves:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`."""
-        return find_network_warnings(self.network)
+        return check_network(self.network).warnings
 
     @cached_property
     def operator(self) -> WaveOperator:

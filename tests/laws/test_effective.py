@@ -20,11 +20,10 @@ from numpy.polynomial import chebyshev
 from scipy.integrate import solve_ivp
 
 import granphon as gp
-from granphon.balls.distributions import NormalShape, PointShape, UniformShape
+from granphon.balls.distributions import NormalShape, UniformShape
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws import effective
-from granphon.laws.averages import Block, PointAverages
 from granphon.laws.effective import LEAST_SOLVED_FORCE, VALID_FORCE, EffectiveLaw, effective_curve
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 from tests.conftest import only
@@ -260,17 +259,6 @@ def test_residual_at_thirty_digits(shape, ball, places, digits, room):
             assert abs(both.real / both.imag / f) < room
 
 
-def test_stiffness_is_the_exact_derivative_on_every_step():
-    for shape in (UNIFORM, NORMAL, LOTS["three"]):
-        curve = effective_curve(shape, XI[0.0])
-        for step, (_, middle, half) in enumerate(curve.places.T):
-            rise = np.array([2.0 * half * middle, 2.0 * half**2])
-            for above, below in ((FORCE, ENERGY), (STIFFNESS, FORCE)):
-                exact = chebyshev.chebmul(curve.tables[above][:, step], rise)
-                found = chebyshev.chebder(curve.tables[below][:, step])
-                np.testing.assert_allclose(found, exact, rtol=0.0, atol=2e-14 * np.max(np.abs(exact)))
-
-
 @every_xi
 @pytest.mark.parametrize("shape", [UNIFORM, NORMAL], ids=["uniform", "normal"])
 def test_no_seam_between_steps(shape, xi):
@@ -384,7 +372,7 @@ def assert_agrees(curve, y, f, k):
     assert np.all((np.abs(stiffness - k) < room)[keep])
 
 
-@pytest.mark.parametrize("name", only(["0.1 large", "1e-06 small", "three", "two of 0.001", "0.01 near a large"], LOTS))
+@pytest.mark.parametrize("name", only(["0.1 large", "1e-06 small", "0.01 near a large"], LOTS))
 def test_lots_against_scipys_radau_split_at_the_openings(name):
     curve = effective_curve(LOTS[name], XI[0.0])
     y, f, k = integrated(curve.shape, curve.xi, 2.0 * curve.far.start, 1e-9)
@@ -487,35 +475,6 @@ def test_long_lots_with_more_stages_and_half_the_steps(name):
     np.testing.assert_allclose(curve.value(y, STIFFNESS), finer.value(y, STIFFNESS), rtol=1e-9)
 
 
-@pytest.mark.parametrize("first", [-1, 1200, 60])
-def test_sums_over_near_and_far_contacts_at_thirty_digits(first):
-    # the last of these openings, all contacts closed; in the midst of the others; few contacts closed
-    shape, rule = lot(50, 7, "normal"), effective.radau(4)
-    ends = [*shape.openings, 20.0]
-    steps = [(ends[i], 0.25 * (ends[i + 1] - ends[i]) ** 0.5, (ends[i + 1] - ends[i]) ** 0.5) for i in range(len(ends) - 1)]
-    block = Block.of(steps[first : first - 9 if first > 0 else None : -1], rule.points)
-    averages = PointAverages(shape, 1.0)
-    balls = averages.balls(block)
-    with mpmath.workdps(30):
-        x, w = ([mpmath.mpf(v) for v in values] for values in (shape.positions, shape.weights))
-
-        def powers(ball, root, origin):
-            gaps = [mpmath.mpf(origin) + mpmath.mpf(root) ** 2 + (x[ball] + other) / 2 for other in x]
-            closed = [mpmath.mpf(origin) + (x[ball] + other) / 2 >= 0 for other in x]
-            root_sums = [sum(v * g**p for v, g, c in zip(w, gaps, closed, strict=True) if c) for p in (0.5, 1.5)]
-            return 1.5 * root_sums[0], root_sums[1]
-
-        for step, ball in itertools.product((0, len(block.root) - 1), (0, 20, 49)):
-            origin, low, high = block.origin[step, 0], block.middle[step, 0], block.half[step, 0]
-            ends_of = [powers(ball, mpmath.mpf(low) + mpmath.mpf(high) * mpmath.mpf(t), origin) for t in (*rule.points, 1.0)]
-            top = ends_of[-1]
-            for i, (stiffness, force) in enumerate(ends_of[:-1]):
-                assert balls.stiffness[ball, step, i] == pytest.approx(float(stiffness), rel=1e-14)
-                assert balls.change[ball, step, i] == pytest.approx(float(stiffness - top[0]), rel=1e-12)
-                assert balls.work[ball, step, i] == pytest.approx(float(force - top[1]), rel=1e-12)
-            assert balls.top[ball, step] == pytest.approx(float(top[1]), rel=1e-14)
-
-
 #: two rare kinds, the second near the middle of the first and the rest
 FLAT = kinds([0.0, 0.7, 1.0], [0.998, 1e-3, 1e-3])
 
@@ -548,7 +507,7 @@ def test_where_rare_kinds_open_the_stiffness_may_fall_to_zero():
         EffectiveLaw(1.0, 1.0, FLAT, xi).overlap(1e-3)
 
 
-def test_loads_one_by_one_and_all_at_once_are_the_same(monkeypatch):
+def test_loads_one_by_one_and_all_at_once_are_the_same():
     # many loads are sorted by step, few bring the coefficients of each
     for shape in (UNIFORM, LOTS["ten"]):
         curve = effective_curve(shape, XI[0.0])
@@ -609,26 +568,18 @@ def test_below_the_start_of_the_curve_there_is_an_error():
 
 def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
     # steps that cannot be solved: below the limit of validity the curve ends there, above it there is none
-    whole = effective._relax
+    whole, least = effective._relax, 1e-2
 
-    def until(least):
-        def step(*given):
-            out = whole(*given)
-            return None if out is None or out[1][-1] < least else out
+    def step(*given):
+        out = whole(*given)
+        return None if out is None or out[1][-1] < least else out
 
-        return step
-
-    monkeypatch.setattr(effective, "_relax", until(1e-2))
+    monkeypatch.setattr(effective, "_relax", step)
     for shape in (UNIFORM, LOTS["three"]):
         curve = solved(shape)
         assert 1e-2 <= curve.least_force < 1.01e-2
         assert not curve.stiffness_vanishes
         assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(curve.least_force, rel=1e-12)
-    monkeypatch.setattr(effective, "_relax", until(1.0))
+    least = 1.0
     with pytest.raises(PrecisionError, match="does not converge"):
         solved(UNIFORM)
-
-
-def test_points_are_a_shape_like_any_other():
-    shape = PointShape((-0.25, 0.25), (0.5, 0.5))
-    assert effective_curve(shape, 1.0).shape == shape

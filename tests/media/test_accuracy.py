@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import importlib
 import json
 import math
@@ -21,11 +20,11 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
-from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, Accuracy, accuracy, compute_form_coefficients
+from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, accuracy, compute_form_coefficients
 from granphon.media.choice import even_shape
 from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
-from granphon.tradeoffs.ensemble import Moments, observe
+from granphon.tradeoffs.ensemble import Ensemble, observe
 
 WIDTH = 2e-6
 FACES = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.5, 0.0, 0.5), (0.0, 0.5, 0.5))
@@ -304,12 +303,12 @@ def test_above_the_table_errors_fall_as_the_second_order_does():
     """f* = 300 and 3000: the measured error of the averages has the same power, and is within the expected one."""
     packing = balls()
     forces = load(packing, "force", [300.0, 3000.0])
-    moments = Moments(packing, forces, (16, 16), 3)
-    moments.add(30)
-    array = moments.ensemble()
+    array = Ensemble(packing, forces, (16, 16), 3)
+    array.add(30)
+    values, chance = array.means()
     for name, medium in (("ala", gp.AveragedLattice), ("afa", gp.AveragedForce)):
-        errors = np.abs(observe(medium(packing).at(forces)) / array.values - 1.0)
-        assert np.all(array.errors[:, :2] < 0.03 * errors[:, :2])
+        errors = np.abs(observe(medium(packing).at(forces)) / values - 1.0)
+        assert np.all(chance[:, :2] < 0.03 * errors[:, :2])
         # (W/delta)^2, and the overlap goes as f^(2/3)
         assert_allclose(errors[0, :2] / errors[1, :2], 10.0 ** (4.0 / 3.0), rtol=0.05)
         expected = accuracy().error(name, packing, forces)
@@ -321,9 +320,10 @@ def test_above_the_table_errors_fall_as_the_second_order_does():
 def test_chance_above_the_table_falls_so_too():
     packing = balls()
     forces = load(packing, "force", [30.0, 300.0])
-    moments = Moments(packing, forces, (16, 16))
-    moments.add(24)
-    noise = np.max(moments.ensemble().noise, axis=1)
+    array = Ensemble(packing, forces, (16, 16))
+    array.add(24)
+    # of a velocity half of that of a modulus, of one ball sixteen times that of a sample
+    noise = np.max(8.0 * np.std(array.moduli, axis=0, ddof=1) / np.mean(array.moduli, axis=0), axis=1)
     expected = accuracy().error("simulation", packing, forces) / DEVIATIONS
     assert np.all(noise < expected)
     assert np.all(expected < 2.5 * noise)
@@ -344,18 +344,6 @@ def test_on_what_was_held_back_the_promise_is_kept(maker, lattice):
     # nor is it kept by promising next to nothing
     assert np.median([one.realised / one.promised for one in found]) > 0.1
     assert all(one.promised <= one.tolerance for one in found)
-
-
-def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
-    """The same trials fail if errors are taken to be a fifth of what they are."""
-    data = copy.deepcopy(accuracy().data)
-    for media in data["lattices"]["triangular"]["errors"]["uniform"].values():
-        for name, rows in media.items():
-            media[name] = (0.2 * np.array(rows)).tolist()
-    monkeypatch.setattr("granphon.media.choice.accuracy", lambda: Accuracy(data))
-    found = list(maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]))
-    assert len(found) >= 20
-    assert np.mean([one.kept for one in found]) < 0.8
 
 
 @pytest.mark.parametrize(("larger", "place"), [(0.2, 0.0755), (0.33, 0.117), (0.25, 0.101), (0.4, 0.136)])

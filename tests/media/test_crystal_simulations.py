@@ -327,16 +327,6 @@ def test_atoms_and_phonons_of_a_mean_over_samples(lattice):
 # -- extremes -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("force", [1.1e-8, 1e-3, 30.0])
-def test_long_chains_come_to_rest(force):
-    """Displacements add up like a random walk, whose rounding is all that is left of forces on the balls."""
-    balls = packing("chain")
-    state = simulate(balls, (5000,)).at_force(force * balls.width_units.force)
-    assert_allclose(state.overlap, balls.law.overlap(state.force), rtol=1e-11)
-    assert_allclose(gp.moduli(state).bulk, balls.law.stiffness(state.overlap) * D, rtol=1e-11)
-    assert state.contact_force_fluctuation < 1e-9
-
-
 def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does():
     state = simulate(packing("fcc"), (4, 5, 6)).at_overlap((0.2 - 0.5) * WIDTH)
     assert 0.0 < state.contact_fraction < 0.02

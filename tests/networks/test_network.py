@@ -85,7 +85,7 @@ def test_network_of_a_sample_has_its_elastic_energy():
 def test_network_of_a_state_is_that_of_its_atoms(name, motions, shape, finite_overlap):
     packing = gp.Packing(STEEL, 8e-3, lattice=name, motions=motions, friction=name != "chain")
     state = gp.AveragedLattice(packing).at_force(18.446, finite_overlap=finite_overlap)
-    network = ContactNetwork.from_state(state, shape=shape)
+    network = state.network.repeat(shape)
     assert network.shape == shape
     assert network.lattice == packing.structure
     assert network.prestress == finite_overlap
@@ -122,23 +122,40 @@ def test_network_of_atoms_that_are_open_and_lack_balls():
 
 def test_what_has_no_network_is_one_error():
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
-    with pytest.raises(gp.GranphonError, match=r"from_state\(state, shape=\(24, 24\)\)"):
-        gp.Waves(state)
     with pytest.raises(gp.GranphonError, match="2 loads"):
-        ContactNetwork.from_state(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]), shape=(3, 3))
+        _ = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]).network
     simulated = gp.DirectSimulation(
         gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3, geometry="lattice"
     ).at_force(2.0)
     with pytest.raises(gp.GranphonError, match=r"of 1 simulated samples.* state.samples\[0\].network"):
-        ContactNetwork.from_state(simulated, shape=(6, 8))
-    with pytest.raises(gp.GranphonError, match=r"gp.Waves\(state.samples\[0\]\)"):
         gp.Waves(simulated)
-    with pytest.raises(gp.GranphonError, match="not a state"):
-        ContactNetwork.from_state("a state", shape=(3, 3))
     with pytest.raises(gp.GranphonError, match="shape: found"):
-        ContactNetwork.from_state(state, shape=(3, 3, 3))
+        state.network.repeat((3, 3, 3))
     with pytest.raises(gp.GranphonError, match="no network of contacts"):
         gp.Waves(3.0)
+
+
+def test_waves_of_a_state_are_those_of_one_cell():
+    """Of the triangular lattice: the rotation at Gamma, 30 eta k/M."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
+    waves = gp.Waves(state)
+    assert waves.network.n_balls == 1
+    eta = state.packing.mindlin_ratio
+    np.testing.assert_allclose(waves.modes(1).frequencies, np.sqrt(30.0 * eta) * state.scales.frequency, rtol=1e-13)
+
+
+def test_a_network_knows_its_reduced_units():
+    """The mean diameter and mass of what moves, and the mean stiffness of what carries load."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="kagome")).at_force(18.446, finite_overlap=True)
+    assert state.network.scales == state.scales
+    assert state.network.repeat((5, 7)).scales == state.scales
+    network = make([[0, 0], [2, 0], [4, 0]], [(0, 1), (1, 2)], force=[2.0, 0.0])
+    springs, masses = np.array([3.0, 7.0]), np.array([1.0, 2.0, np.inf])
+    units = replace(network, normal_stiffness=springs, masses=masses).scales
+    assert (units.length, units.stiffness, units.mass) == (2.0, 3.0, 1.5)
+    assert replace(network, normal_stiffness=springs, normal_force=np.zeros(2)).scales.stiffness == 5.0
+    with pytest.raises(gp.GranphonError, match="no reduced units"):
+        _ = network.select([0]).scales
 
 
 # -- plain data -----------------------------------------------------------------------------------------------------
@@ -161,7 +178,7 @@ def test_networks_go_through_json():
 
 def with_lattice(shape):
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
-    return ContactNetwork.from_state(state, shape=shape)
+    return state.network.repeat(shape)
 
 
 # -- rattlers and pieces --------------------------------------------------------------------------------------------
@@ -224,7 +241,7 @@ def test_waves_in_a_network_have_the_warnings_of_the_state(force):
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(force)
     warning = gp.validity(state)["contact_radius"].warning
     assert (warning is None) == (force == 1.0)
-    network = ContactNetwork.from_state(state, (4, 3))
+    network = state.network.repeat((4, 3))
     assert gp.Waves(network).warnings == (() if warning is None else (warning,))
     # springs of one stiffness under forces that differ are no contacts of Hertz
     forces = force * np.linspace(0.5, 1.5, network.n_contacts)

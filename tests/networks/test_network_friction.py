@@ -146,7 +146,7 @@ def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
     read = gp.ContactNetwork.from_table(tmp_path / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True)
     assert read == known
     state = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True)
-    assert not np.any(gp.ContactNetwork.from_state(state, (3, 3)).tangential_force)
+    assert not np.any(state.network.repeat((3, 3)).tangential_force)
 
 
 @pytest.mark.parametrize("mu", [0.05, 0.2])

@@ -24,7 +24,7 @@ def network_of(kind):
             gp.DirectSimulation(packing, shape=(4, 5), seed=1).at_force(2.0).sample.network, lattice=None, shape=None
         )
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="hcp", torsion=0.02, bending=0.01)).at_force(18.446)
-    network = gp.ContactNetwork.from_state(state, shape=(2, 3, 2))
+    network = state.network.repeat((2, 3, 2))
     masses = network.masses.copy()
     masses[3] = np.inf
     return replace(network, masses=masses, lattice=None, shape=None)
@@ -299,7 +299,7 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     """In a cell that is tilted by a whole period more, the image with the least fractions is not always the nearest one."""
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(18.446, finite_overlap=True)
-    network = gp.ContactNetwork.from_state(state, shape=(3,) * state.packing.structure.periods)
+    network = state.network.repeat((3,) * state.packing.structure.periods)
     cell = network.cell[: network.dimension].copy()
     cell[1] += np.sign(cell[0] @ cell[1]) * cell[0]
     places = network.positions + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell

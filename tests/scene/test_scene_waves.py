@@ -190,7 +190,7 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
     scene = find(2000)
     ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.plan.case.serving_media]
     state = gp.AveragedLattice(medium.packing).at_force(5.0)
-    network = gp.ContactNetwork.from_state(state, medium.cells)
+    network = state.network.repeat(medium.cells)
     way = find_path_points(network, ideal_lattice(medium.packing), medium.packing.diameter, wanted.path, 2000)
     assert _count_waves(medium, wanted) == len(way.q) < 100
     large = ARRAY.replace("[12, 24]", "[200, 200]")

@@ -15,8 +15,7 @@ import granphon as gp
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
-from granphon.tradeoffs import ensemble
-from granphon.tradeoffs.ensemble import QUANTITIES, Moments, observe
+from granphon.tradeoffs.ensemble import QUANTITIES, Ensemble, find_near_pairs, measure_excess, observe, regress
 from tests.conftest import only
 
 KINDS = ("force", "pressure", "overlap")
@@ -37,9 +36,19 @@ def unit(rough):
 @pytest.fixture(scope="module")
 def many(rough, unit):
     """Enough samples for a regression, at f* = 1, 3 and 30."""
-    moments = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (12, 12))
-    moments.add(48)
-    return moments.ensemble()
+    return collect(rough, "force", (unit, 3.0 * unit, 30.0 * unit), (12, 12), 48)
+
+
+def collect(packing, kind, loads, shape, count, seed=0):
+    """An ensemble of so many samples."""
+    found = Ensemble(packing, Load(kind, loads), shape, seed)
+    found.add(count)
+    return found
+
+
+def noise(found):
+    """Relative standard deviation of the quantities of a sample (n_loads, 3): half of that of the moduli."""
+    return 0.5 * np.std(found.moduli, axis=0, ddof=1) / np.mean(found.moduli, axis=0)
 
 
 # -- the regression -----------------------------------------------------------------------------------------------------
@@ -50,11 +59,11 @@ def test_what_is_linear_in_the_excess_is_taken_out_exactly():
     excess = rng.normal(size=(40, 4)) * [1e-3, 1e-2, 1e-4, 1.0]
     slopes = rng.normal(size=(4, 3)) * 100.0
     mean = np.array([3.0, -2.0, 1e6])
-    found, error = ensemble._regress(mean + excess @ slopes, excess)
+    found, error = regress(mean + excess @ slopes, excess)
     assert_allclose(found, mean, rtol=1e-12)
     assert np.all(error < 1e-12 * np.abs(mean))
     # without it the chance is there
-    plain, chance = ensemble._regress((mean + excess @ slopes)[:20], excess[:20])
+    plain, chance = regress((mean + excess @ slopes)[:20], excess[:20])
     assert_allclose(plain, np.mean((mean + excess @ slopes)[:20], axis=0))
     assert np.all(chance[:2] > 1.0)
 
@@ -67,7 +76,7 @@ def test_errors_are_those_of_a_fake_linear_model(count):
     for _ in range(4000):
         excess = rng.normal(size=(count, 4))
         values = 5.0 + excess @ [1.0, -2.0, 0.5, 0.0] + 0.1 * rng.normal(size=count)
-        found, error = ensemble._regress(values[:, None], excess)
+        found, error = regress(values[:, None], excess)
         pulls.append((found[0] - 5.0) / error[0])
     freedom = count - (5 if count >= 30 else 1)
     variance = freedom / (freedom - 2.0)
@@ -79,19 +88,19 @@ def test_errors_are_those_of_a_fake_linear_model(count):
 def test_a_mean_moves_and_scales_with_what_is_averaged(seed, shift, factor):
     rng = np.random.default_rng(seed)
     excess, values = rng.normal(size=(32, 4)), rng.normal(size=(32, 2))
-    mean, error = ensemble._regress(values, excess)
-    moved, scaled = ensemble._regress(shift + factor * values, excess)
+    mean, error = regress(values, excess)
+    moved, scaled = regress(shift + factor * values, excess)
     assert_allclose(moved, shift + factor * mean, rtol=1e-9, atol=1e-9 * (abs(shift) + factor))
     assert_allclose(scaled, factor * error, rtol=1e-9)
     # whatever the scale of the known ones
-    assert_allclose(ensemble._regress(values, 1e-7 * excess)[0], mean, rtol=1e-9, atol=1e-9)
+    assert_allclose(regress(values, 1e-7 * excess)[0], mean, rtol=1e-9, atol=1e-9)
 
 
 def test_a_known_part_that_never_varies_is_no_reason_to_regress():
     rng = np.random.default_rng(1)
     excess, values = rng.normal(size=(40, 4)), rng.normal(size=(40, 1))
     excess[:, 2] = 0.0
-    mean, error = ensemble._regress(values, excess)
+    mean, error = regress(values, excess)
     assert_allclose(mean, np.mean(values, axis=0))
     assert_allclose(error, np.std(values, axis=0, ddof=1) / math.sqrt(40))
 
@@ -103,7 +112,7 @@ def test_a_known_part_that_never_varies_is_no_reason_to_regress():
 def test_the_excess_of_samples_is_zero_in_the_mean(rough, lattice, shape, pairs):
     """The variance is 1/12 and near pairs are not correlated, but for the mean that each sample is shifted by."""
     simulation = gp.DirectSimulation(replace(rough, lattice=lattice), shape, 5, 400)
-    excess, balls = np.array(list(ensemble._measure_excess(simulation))), simulation.balls
+    excess, balls = np.array(list(measure_excess(simulation))), simulation.balls
     expected = -1.0 / (12.0 * balls)  # of x^2, and of each pair, with the sample's own mean taken away
     assert_allclose(np.mean(excess, axis=0), expected, atol=4.0 * np.max(np.std(excess, axis=0)) / 20.0)
     # var of x^2 is (1/80 - 1/144)/N; of a mean over p pairs x x' for each ball it is (1/12)^2/(p N)
@@ -128,7 +137,7 @@ def test_near_pairs_are_those_of_all_balls_at_these_distances(lattice, shape, sq
     images = np.array(list(np.ndindex(*(3,) * len(shape)))) - 1
     apart = places[None, :, None] + (images @ box)[None, None] - places[:, None, None]
     found = np.sum(apart**2, axis=-1)
-    for square, shell in zip(squares, ensemble._find_near_pairs(structure), strict=True):
+    for square, shell in zip(squares, find_near_pairs(structure), strict=True):
         one, other, _ = np.nonzero(np.abs(found - square) < 1e-6)
         axes = tuple(range(len(shape)))
         products = [x[j] * np.roll(x[i], shift, axes) for i, j, shift in shell]
@@ -144,19 +153,16 @@ def test_near_pairs_are_those_of_all_balls_at_these_distances(lattice, shape, sq
 def test_of_few_samples_it_is_the_mean_of_the_simulation(steel, kind, friction):
     packing = gp.Packing(steel, 8e-3, spread=gp.Normal(6e-7), friction=friction)
     loads = {"force": (2.0, 20.0), "pressure": (500.0, 4e3), "overlap": (5e-7, 2e-6)}[kind]
-    moments = Moments(packing, Load(kind, loads), (10, 12), 7)
-    moments.add(3)
-    found = moments.ensemble()
+    found = collect(packing, kind, loads, (10, 12), 3, 7)
+    values, errors = found.means()
     state = getattr(gp.DirectSimulation(packing, (10, 12), 7, 3), f"at_{kind}")(np.array(loads))
-    assert_allclose(found.values, observe(state), rtol=1e-12)
-    assert_allclose(found.overlaps, state.overlap, rtol=1e-12)
-    assert (found.samples, found.shape, found.balls) == (3, (10, 12), 360)
+    assert_allclose(values, observe(state), rtol=1e-12)
+    assert found.samples == 3
     velocities = gp.sound_velocities(state)
     # a velocity is the root of a modulus, whose error is twice its own, to first order in the chance
-    assert_allclose(found.errors[:, 0], velocities.longitudinal_error / velocities.longitudinal, rtol=0.01)
-    assert_allclose(found.errors[:, 1], velocities.transverse_error / velocities.transverse, rtol=0.01)
-    # of n samples of N balls the noise of one ball is sqrt(n N) times the error
-    assert_allclose(found.noise, found.errors * math.sqrt(360), rtol=1e-9)
+    assert_allclose(errors[:, 0], velocities.longitudinal_error / velocities.longitudinal, rtol=0.01)
+    assert_allclose(errors[:, 1], velocities.transverse_error / velocities.transverse, rtol=0.01)
+    assert_allclose(errors, noise(found) / math.sqrt(3), rtol=1e-9)
 
 
 def test_what_is_observed_is_velocities_and_the_scale_of_frequencies(packing):
@@ -176,29 +182,22 @@ def test_what_is_observed_is_velocities_and_the_scale_of_frequencies(packing):
 def test_in_space_it_is_the_mean_of_the_simulation_over_all_directions(steel, lattice, shape, kind):
     packing = gp.Packing(steel, 8e-3, spread=gp.Normal(6e-7), lattice=lattice)
     loads = {"force": (5.0, 20.0), "pressure": (3e5, 1e6), "overlap": (1e-6, 2e-6)}[kind]
-    moments = Moments(packing, Load(kind, loads), shape, 7)
-    moments.add(3)
-    found = moments.ensemble()
+    values, errors = collect(packing, kind, loads, shape, 3, 7).means()
     state = getattr(gp.DirectSimulation(packing, shape, 7, 3), f"at_{kind}")(np.array(loads))
-    assert_allclose(found.values, observe(state), rtol=1e-12)
-    averages = gp.moduli(state).voigt
-    density = packing.effective_density
-    assert_allclose(found.values[:, 0], np.sqrt((averages.bulk + 4.0 / 3.0 * averages.shear) / density), rtol=1e-12)
-    assert_allclose(found.values[:, 1], np.sqrt(averages.shear / density), rtol=1e-12)
-    assert_allclose(found.values[:, 2], np.sqrt(state.normal_stiffness / packing.mass), rtol=1e-12)
-    moduli = gp.moduli(state)
-    assert_allclose(found.errors[:, 1], 0.5 * moduli.shear_error / averages.shear, rtol=1e-9)
-    assert found.balls == 3 * math.prod(shape) * packing.structure.n_balls
+    assert_allclose(values, observe(state), rtol=1e-12)
+    moduli, density = gp.moduli(state), packing.effective_density
+    averages = moduli.voigt
+    assert_allclose(values[:, 0], np.sqrt((averages.bulk + 4.0 / 3.0 * averages.shear) / density), rtol=1e-12)
+    assert_allclose(values[:, 1], np.sqrt(averages.shear / density), rtol=1e-12)
+    assert_allclose(values[:, 2], np.sqrt(state.normal_stiffness / packing.mass), rtol=1e-12)
+    assert_allclose(errors[:, 1], 0.5 * moduli.shear_error / averages.shear, rtol=1e-9)
 
 
 def test_samples_may_be_added_one_by_one(rough):
-    at_once, apart = (Moments(rough, Load("force", (18.446,)), (8, 8), 3) for _ in range(2))
-    at_once.add(4)
-    for count in (1, 2, 1):
+    apart = collect(rough, "force", (18.446,), (8, 8), 1, 3)
+    for count in (2, 1):
         apart.add(count)
-    first, second = at_once.ensemble(), apart.ensemble()
-    for name in ("values", "errors", "noise", "overlaps"):
-        assert_array_equal(getattr(first, name), getattr(second, name))
+    assert_array_equal(apart.means(), collect(rough, "force", (18.446,), (8, 8), 4, 3).means())
 
 
 # -- what the regression is worth ---------------------------------------------------------------------------------------
@@ -206,17 +205,16 @@ def test_samples_may_be_added_one_by_one(rough):
 
 @pytest.mark.exhaustive
 def test_control_variates_leave_the_part_of_the_chance_that_is_promised(many):
-    left = many.errors / (many.noise / math.sqrt(many.balls))
-    assert np.all(left[0] < 0.25)
-    assert np.all(left[1] < 0.12)
-    assert np.all(left[2] < 0.12)
+    left = many.means()[1] / (noise(many) / math.sqrt(many.samples))
+    assert np.all(left < [[0.25], [0.12], [0.12]])
 
 
 @pytest.mark.exhaustive
 def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, many):
-    other = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (12, 12), seed=10_000)
-    other.add(32)
-    pulls = (other.ensemble().values / many.values - 1.0) / np.hypot(other.ensemble().errors, many.errors)
+    (one, error), (other, chance) = (
+        found.means() for found in (many, collect(rough, "force", many.load.values, (12, 12), 32, 10_000))
+    )
+    pulls = (other / one - 1.0) / np.hypot(error, chance)
     assert np.max(np.abs(pulls)) < 4.0
     assert np.sqrt(np.mean(pulls**2)) < 2.0
 
@@ -225,8 +223,9 @@ def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, m
 def test_small_samples_with_control_variates_agree_with_one_large_one(rough, unit, many):
     """That the size of a sample does not matter, to the chance in 96 x 96 balls."""
     state = gp.DirectSimulation(rough, (96, 96), 77).at_force(3.0 * unit)
-    chance = np.hypot(many.noise[1] / 96.0, many.errors[1])
-    assert np.all(np.abs(observe(state) / many.values[1] - 1.0) < 3.5 * chance)
+    values, errors = many.means()
+    chance = np.hypot(12.0 * noise(many)[1] / 96.0, errors[1])
+    assert np.all(np.abs(observe(state) / values[1] - 1.0) < 3.5 * chance)
 
 
 @pytest.mark.parametrize(("lattice", "shape"), [
@@ -236,34 +235,27 @@ def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel
     """f* = x^(3/2) (1 + r/(64 x^2)): the medium is exact to that order, the averaged lattice has r = 0."""
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False, lattice=lattice)
     force = 100.0 * packing.law.coefficient * packing.width**1.5
-    moments = Moments(packing, Load("force", (force,)), shape)
-    moments.add(32)
-    array = moments.ensemble()
+    values, errors = collect(packing, "force", (force,), shape, 32).means()
     medium, lattice = (observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))
-    correction = lattice / array.values[0, 2] - 1.0
-    assert array.errors[0, 2] < 0.02 * abs(correction)
-    assert abs(medium / array.values[0, 2] - 1.0) < 0.02 * abs(correction)
+    correction = lattice / values[0, 2] - 1.0
+    assert errors[0, 2] < 0.02 * abs(correction)
+    assert abs(medium / values[0, 2] - 1.0) < 0.02 * abs(correction)
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinds_of_load_that_are_one_state_give_one_answer(rough, many, unit, kind):
-    """At f* = 3; the overlap of the ensemble as a load gives its velocities, to the second order of the chance."""
+    """At f* = 3; the mean overlap as a load gives the same velocities, to the second order of the chance."""
     force = 3.0 * unit
-    load = {"force": force, "pressure": math.sqrt(3.0) * force / 8e-3, "overlap": float(many.overlaps[1])}[kind]
-    moments = Moments(rough, Load(kind, (load,)), (12, 12), 500)
-    moments.add(32)
-    found = moments.ensemble()
-    tolerance = 4.0 * np.hypot(found.errors[0], many.errors[1]) + many.noise[1] ** 2 / 144.0 + 2.0 * _overlap_error(many)
-    assert np.all(np.abs(found.values[0] / many.values[1] - 1.0) < tolerance)
-
-
-def _overlap_error(found):
-    """The part of a velocity by which the mean overlap of plain samples, about v ~ delta^(1/4), is uncertain."""
-    return 0.25 * float(found.noise[1, 2]) / math.sqrt(found.balls)
+    overlap = float(gp.DirectSimulation(rough, (12, 12), 0, 48).at_force(force).overlap)
+    load = {"force": force, "pressure": math.sqrt(3.0) * force / 8e-3, "overlap": overlap}[kind]
+    (values, errors), (expected, known) = collect(rough, kind, (load,), (12, 12), 32, 500).means(), many.means()
+    chance = noise(many)[1]
+    # the mean overlap of plain samples is uncertain too, about v ~ delta^(1/4)
+    tolerance = 4.0 * np.hypot(errors[0], known[1]) + chance**2 + 0.5 * chance[2] / math.sqrt(many.samples)
+    assert np.all(np.abs(values[0] / expected[1] - 1.0) < tolerance)
 
 
 def test_a_lattice_that_is_not_simulated_has_no_ensemble(steel):
-    moments = Moments(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), lattice="square"), Load("force", (1.0,)), (8, 8))
     with pytest.raises(InputError, match="not simulated"):
-        moments.add()
+        collect(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), lattice="square"), "force", (1.0,), (8, 8), 1)

@@ -24,13 +24,10 @@ from granphon.cli.commands import main
 from granphon.cli.wording import describe_tradeoff
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
 from granphon.runs.store import encode, open_store
-from granphon.tradeoffs import disorder as disorder_module
 from granphon.tradeoffs import measure as tradeoffs
-from granphon.tradeoffs.disorder import Disorder
 from granphon.tradeoffs.ensemble import observe
 from granphon.tradeoffs.measure import BETTER, MeasuredPoint, TradeOff, carry_out, tradeoff
-from granphon.tradeoffs.media_study import MediaStudy, choose_study
-from granphon.tradeoffs.study import Deadline, Point, Reference, Stopwatch
+from granphon.tradeoffs.study import Deadline, MediaStudy, Point, Reference, Stopwatch
 from tests.conftest import only
 
 WIDTH = 2.04e-6
@@ -91,12 +88,8 @@ def measured():
 
     def call(*arguments, sample=3.0, knobs=SMALL, **options):
         counter = WorkCounter(**{"media: reference": sample})
-
-        def choose(*asked):
-            return replace(choose_study(*asked), **knobs)
-
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(tradeoffs, "choose_study", choose)
+            patch.setattr(tradeoffs, "carry_out", lambda study, *rest: carry_out(replace(study, **knobs), *rest))
             return tradeoff(*arguments, **options, progress=counter, stopwatch=counter)
 
     return call
@@ -113,8 +106,23 @@ def point_of(result, study, method, knob):
     return point
 
 
-def disorder(packing, force=FORCES, quantities=("longitudinal", "transverse", "frequency")):
-    return Disorder(packing, Load("force", force), quantities, WorkCounter())
+def media(packing, force=FORCES, **options):
+    """A study of all quantities."""
+    quantities = "longitudinal", "transverse", "frequency"
+    return MediaStudy(packing, Load("force", force), quantities, WorkCounter(), **options)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What :func:`carry_out` is asked for by a trade-off, which goes no further: a study, and what is to be done with it."""
+    calls = []
+
+    def refuse(*given):
+        calls.append(given)
+        raise InputError("enough")
+
+    monkeypatch.setattr(tradeoffs, "carry_out", refuse)
+    return calls
 
 
 def whenever():
@@ -128,28 +136,26 @@ def whenever():
 class FakeStudy:
     """Points that take so many seconds and have such errors, and a reference that takes its time."""
 
-    def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False):
-        self.clock, self.costs, self.taken, self.fails, self.estimated = clock, costs, reference, fails, estimated
-        self.solved = []
+    name, quantities, load, condition = "fake", ("longitudinal",), Load("force", (1.0, 2.0)), 1.0
 
-    name = "fake"
-    observed = ("longitudinal",)
-    loads = (1.0, 2.0)
+    def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False):
+        self.stopwatch, self.costs, self.taken, self.fails, self.estimated = clock, costs, reference, fails, estimated
+        self.solved = []
 
     def make_points(self):
         return [self._point(*one) for one in self.costs]
 
     def _point(self, method, knob, seconds, error):
         def prepare(run):
-            self.clock.work(0.1 * seconds)
+            self.stopwatch.work(0.1 * seconds)
             return run
 
         def solve(run):
             if knob in self.fails:
                 raise GranphonError(f"{knob} does not converge.")
-            self.clock.work(0.9 * seconds * (1.0 + 0.1 * run))
+            self.stopwatch.work(0.9 * seconds * (1.0 + 0.1 * run))
             self.solved.append((knob, run))
-            return np.array([error, 0.5 * error])
+            return 1.0 + error * np.array([[1.0], [0.5]])
 
         return Point(method, knob, prepare, solve, seconds if self.estimated else 0.0)
 
@@ -157,16 +163,10 @@ class FakeStudy:
         self.until = deadline.until
         if self.taken is None:
             raise GranphonError("it cannot be found.")
-        self.clock.work(self.taken)
-        found = Reference(np.zeros(2), np.full((len(self.loads), 1), 1e-6), "by hand")
+        self.stopwatch.work(self.taken)
+        found = Reference(np.ones((2, 1)), np.full((2, 1), 1e-6), "by hand")
         self.good = better(found)
         return found
-
-    def compute_errors(self, outcomes, reference):
-        return np.abs(np.mean(outcomes, axis=0))[: len(self.loads), None]
-
-    def find_floor(self, point, outcomes):
-        return 1e-15
 
 
 @pytest.fixture
@@ -175,18 +175,13 @@ def clock():
     return WorkCounter()
 
 
-def measure(study, **options):
-    """Carry out a fake study on its own clock."""
-    return carry_out(study, "force", **options, stopwatch=study.clock)
-
-
 @pytest.mark.parametrize("by_executor", [False, True])
 def test_a_finished_study_is_kept_until_its_trade_off_is(clock, tmp_path, by_executor):
     """It is not measured again; another trade-off is refused, and nothing is left at the end."""
 
     def run(study, store, budget=1000.0):
         with ThreadPoolExecutor(1) if by_executor else nullcontext() as executor:
-            return measure(study, budget=budget, executor=executor, store=store, identity={"budget": budget})
+            return carry_out(study, budget=budget, executor=executor, store=store, identity={"budget": budget})
 
     first, other, again = (FakeStudy(clock, [("m", "a", 2.0, 1e-2), ("n", "b", 1.0, 1e-3)]) for _ in range(3))
     with suppress(KeyboardInterrupt), open_store(tmp_path / "store") as store:
@@ -205,37 +200,33 @@ def test_a_finished_study_is_kept_until_its_trade_off_is(clock, tmp_path, by_exe
     assert expected.references == {"fake": "by hand"}
 
 
-def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(rough, monkeypatch, tmp_path):
-    found = []
-    monkeypatch.setattr(tradeoffs, "carry_out", lambda *given: found.append(given[-1]))
+def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(rough, asked, tmp_path):
     for coefficient in (0.2, 0.2000001):
-        tradeoff(rough, force=FORCES, friction_history=True, friction_coefficient=coefficient)
+        with pytest.raises(InputError, match="enough"):
+            tradeoff(rough, force=FORCES, friction_history=True, friction_coefficient=coefficient)
     with open_store(tmp_path / "store") as store:
-        store.claim(found[0])
+        store.claim(asked[0][-1])
         store.append("study", encode("study", {"seconds": np.ones(1)}))
         with pytest.raises(FileExistsInRunError, match=r"against\.friction_coefficient is 0\.2 there, and 0\.2000001 here"):
-            store.claim(found[1])
+            store.claim(asked[1][-1])
 
 
 class RandomStudy(FakeStudy):
-    """Its points draw random outcomes, whose true values are zero."""
+    """Its points draw random errors."""
 
     def _point(self, method, knob, seconds, error):
         def solve(run):
-            self.clock.work(seconds)
+            self.stopwatch.work(seconds)
             self.solved.append((knob, run))
-            return error * np.random.default_rng(run).normal(size=2)
+            return 1.0 + error * np.random.default_rng(run).normal(size=(2, 1))
 
         return Point(method, knob, lambda run: run, solve, random=True)
-
-    def compute_errors(self, outcomes, reference):
-        return np.sqrt(np.mean(np.square(outcomes), axis=0))[:, None]
 
 
 def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
     """In half of the time that the timed runs leave: a hundred times at most, each with numbers of its own."""
     study = RandomStudy(clock, [("m", "cheap", 0.01, 0.1), ("m", "dear", 2.0, 0.01)])
-    cheap, dear = measure(study, budget=100.0).points
+    cheap, dear = carry_out(study, budget=100.0).points
     assert [run for knob, run in study.solved if knob == "cheap"] == [*range(6), 0, *range(6, 101)]
     # two fifths of the budget, less the timed runs, and half of that
     assert dear.draws == 5 + int((0.5 * (40.0 - 7 * 2.01) - 0.95 - 1.0) / 2.0)
@@ -248,7 +239,7 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
         twin = [np.sqrt(np.mean(np.delete(drawn, i, axis=0) ** 2, axis=0)) for i in range(point.draws)]
         assert_allclose(point.stderrs[:, 0], np.std(twin, axis=0) * np.sqrt(point.draws - 1), rtol=0.2)  # the jackknife
         assert point.stderr == point.stderrs.flat[np.argmax(point.errors)]
-    (one,) = measure(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
+    (one,) = carry_out(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
     assert (one.draws, one.stderr) == (5, 0.0)
 
 
@@ -267,7 +258,7 @@ def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, r
 
 def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
     study = FakeStudy(clock, [("m", "a", 1.0, 1e-2)])
-    (point,) = measure(study, budget=1e3, runs=5).points
+    (point,) = carry_out(study, budget=1e3, runs=5).points
     # one to warm up, five that are timed, one whose memory is watched
     assert study.solved == [("a", run) for run in (0, 1, 2, 3, 4, 5, 0)]
     assert_allclose(point.seconds, 0.9 * 1.3, rtol=1e-4)
@@ -275,7 +266,8 @@ def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
     assert_allclose(point.spread, 0.9 * 0.15, rtol=1e-3)
     assert_allclose(point.setup, 0.1, rtol=1e-4)
     assert_allclose(point.errors, [[1e-2], [5e-3]])
-    assert (point.error, point.reference_error, point.resolved, point.note) == (1e-2, 1e-6, True, "")
+    assert (point.error, point.reference_error) == (pytest.approx(1e-2), 1e-6)
+    assert (point.resolved, point.note, point.floor) == (True, "", np.finfo(float).eps)
 
 
 def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
@@ -287,7 +279,7 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
         ("n", "2", 3.0, 0.1),
     ]
     study = FakeStudy(clock, costs)
-    result = measure(study, budget=300.0)
+    result = carry_out(study, budget=300.0)
     assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
     # of one method a knob that is turned further is not tried when one before it did not fit
     assert not [one for one in study.solved if one[0] == "3"]
@@ -301,7 +293,7 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
 def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, budget, seconds, known):
     study = FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], estimated=known)
     begun = clock.time
-    result = measure(study, budget=budget)
+    result = carry_out(study, budget=budget)
     assert_allclose(result.seconds, clock.time - begun, atol=1e-3)
     # points that nothing is known of are begun: one in each method
     assert result.seconds <= budget + (0.0 if known else 2 * seconds * 2**5 * 1.1)
@@ -312,7 +304,7 @@ def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, bu
 
 def test_failures_are_told_in_their_own_words(clock):
     study = FakeStudy(clock, [("m", "1", 0.1, 1e-2), ("m", "2", 0.1, 1e-2), ("m", "3", 0.1, 1e-2)], fails=("2",))
-    result = measure(study, budget=60.0)
+    result = carry_out(study, budget=60.0)
     assert [point.failure for point in result.points] == ["", "2 does not converge.", ""]
     assert not result.points[1].resolved
     rows = list(csv.DictReader(io.StringIO(result.csv())))
@@ -324,37 +316,35 @@ def test_failures_are_told_in_their_own_words(clock):
 
 def test_without_a_reference_no_point_has_an_error(clock):
     study = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], reference=None)
-    result = measure(study, budget=60.0)
+    result = carry_out(study, budget=60.0)
     assert result.points[0].failure == "there is no reference: it cannot be found."
     assert result.references == {}
     assert result.points[0].ran
-    (ax,) = tradeoff_figure(result).axes
+    ax = axes_of(result)
     assert [text.get_text() for text in ax.texts] == ["run, but without a reference"]
     assert [line.get_xdata() for line in ax.lines if line.get_gid() == "without-error"] == [[result.points[0].seconds]]
-    assert labelled(ax)
 
 
-def labelled(ax):
-    """Whether both axes have tick labels, two or more, inside."""
+def axes_of(result):
+    """The axes of its figure, drawn, which have two or more tick labels inside each."""
+    (ax,) = tradeoff_figure(result).axes
     ax.get_figure().draw_without_rendering()
     seen = []
     for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
         ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
         seen.append(sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in ticks))
-    return min(seen) >= 2
+    assert min(seen) >= 2
+    return ax
 
 
 def test_axes_on_which_there_is_nothing_have_tick_labels(clock):
-    result = measure(FakeStudy(clock, [("m", "1", 9.0, 1e-2)], estimated=True), budget=1.0)
-    (ax,) = tradeoff_figure(result).axes
+    ax = axes_of(carry_out(FakeStudy(clock, [("m", "1", 9.0, 1e-2)], estimated=True), budget=1.0))
     assert {text.get_text() for text in ax.texts} == {"nothing was run", "not run: 1 of m"}
-    assert labelled(ax)
 
 
 def test_labels_stay_inside_their_axes(clock):
     costs = [("m", "4 x 4 x 4", 0.1, 5e-3), ("m", "10 x 10 x 10", 0.3, 1e-4)]
-    (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
-    ax.get_figure().draw_without_rendering()
+    ax = axes_of(carry_out(FakeStudy(clock, costs), budget=100.0))
     frame = ax.get_window_extent()
     labels = [text.get_window_extent() for text in ax.texts if "×" in text.get_text()]
     assert len(labels) == 2
@@ -365,14 +355,13 @@ def test_axes_of_points_that_lie_close_or_have_no_error_have_tick_labels(clock):
     """An error of nothing is a mark at the bottom."""
     close = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
     for costs, marks in ((close, []), ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], [1])):
-        (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
+        ax = axes_of(carry_out(FakeStudy(clock, costs), budget=100.0))
         assert [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"] == marks
-        assert labelled(ax)
 
 
 def test_a_point_that_the_reference_does_not_judge_says_so(clock):
     study = FakeStudy(clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)])
-    good, better, bad = measure(study, budget=60.0).points
+    good, better, bad = carry_out(study, budget=60.0).points
     assert (good.resolved, good.note) == (False, "the reference is 30 times better")
     assert (better.resolved, better.note) == (False, "the error is not above that of the reference")
     assert (bad.resolved, bad.note) == (True, "")
@@ -440,13 +429,12 @@ def test_media_in_space_are_judged_by_samples_in_space(steel, measured, lattice,
     assert_allclose(run["averaged lattice", "ala"].errors[0], np.abs(off), rtol=0.15)
 
 
-def test_quantities_are_those_that_are_observed(rough):
-    def names(*observe):
-        return choose_study(rough, Load("force", (1.0,)), observe).observed
-
-    assert names("velocities") == ("longitudinal", "transverse")
-    assert names("bands") == names("dos") == ("frequency",)
-    assert names("dos", "velocities") == ("longitudinal", "transverse", "frequency")
+def test_quantities_are_those_that_are_observed(rough, asked):
+    for words in (["velocities"], ["bands"], ["dos"], ["dos", "velocities"]):
+        with pytest.raises(InputError, match="enough"):
+            tradeoff(rough, force=1.0, observe=words)
+    both = "longitudinal", "transverse"
+    assert [study.quantities for study, *_ in asked] == [both, ("frequency",), ("frequency",), (*both, "frequency")]
 
 
 @pytest.mark.parametrize(
@@ -456,16 +444,10 @@ def test_quantities_are_those_that_are_observed(rough):
         (range(1, 102), 1, (1.0,)), (range(1, 102), 5, (1.0, 26.0, 51.0, 76.0, 101.0)), (7.0, 3, (7.0,)),
     ],
 )  # fmt: skip
-def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough, monkeypatch, clock, given, most, taken):
-    asked = []
-
-    def kept(packing, load, *rest):
-        asked.append(load.values)
-        return FakeStudy(clock, [("m", "1", 0.01, 1e-2)])
-
-    monkeypatch.setattr(tradeoffs, "choose_study", kept)
-    tradeoff(rough, overlap=given, most_loads=most, budget=1.0, stopwatch=clock)
-    assert asked == [taken]
+def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough, asked, given, most, taken):
+    with pytest.raises(InputError, match="enough"):
+        tradeoff(rough, overlap=given, most_loads=most)
+    assert asked[0][0].load == Load("overlap", taken)
 
 
 # -- the numbers --------------------------------------------------------------------------------------------------------
@@ -497,16 +479,16 @@ def test_a_budget_is_kept(found):
 @pytest.fixture(scope="module")
 def reference(rough):
     """That of the media, of as few samples as are looked at."""
-    return MediaStudy(disorder(rough)).find_reference(whenever(), lambda one: True, WorkCounter())
+    return media(rough).find_reference(whenever(), lambda one: True, WorkCounter())
 
 
 def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, monkeypatch):
     """Of a few balls, just above the start of the loading: the reference is the mean of the same samples, loaded so."""
-    monkeypatch.setattr("granphon.tradeoffs.media_study._CHECKED_SIDES", {2: 4})
-    monkeypatch.setattr("granphon.tradeoffs.media_study._SAMPLES_BETWEEN_LOOKS", 3)
+    monkeypatch.setattr("granphon.tradeoffs.study._CHECKED_SIDES", {2: 4})
+    monkeypatch.setattr("granphon.tradeoffs.study._SAMPLES_BETWEEN_LOOKS", 3)
     force = 0.05 * rough.law.coefficient * rough.width**1.5
     truth = gp.AutoMedium(rough, friction_history=True, friction_coefficient=0.5, shear_response="stick").truth
-    study = MediaStudy(replace(disorder(rough, (force,)), truth=truth), sides=(6,), counts=(1,), reference_side=6)
+    study = media(rough, (force,), truth=truth, sides=(6,), counts=(1,), reference_side=6)
     made = study.find_reference(whenever(), lambda one: True, WorkCounter())
     assert "3 samples of 6 x 6 balls loaded with friction, mu = 0.5, shear_response stick" in made.made
     assert "steps of a tenth of the tolerance differ by" in made.made
@@ -516,19 +498,11 @@ def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, m
     assert {"simulation, 1 sample", "simulation with friction, 1 sample"} < set(methods)
     assert methods["simulation with friction, 1 sample"].prepare(0).friction_coefficient == 0.5
     assert not methods["simulation, 1 sample"].prepare(0).friction_history
-    assert "at rest without friction" in MediaStudy(disorder(rough, (force,)), reference_side=6).find_reference(
-        whenever(), lambda one: True, WorkCounter()
-    ).made  # fmt: skip
+    rest = media(rough, (force,), reference_side=6).find_reference(whenever(), lambda one: True, WorkCounter())
+    assert "at rest without friction" in rest.made
 
 
-def test_a_scene_with_a_history_names_the_truth_of_a_trade_off(tmp_path, monkeypatch, rough):
-    asked = []
-
-    def choose(*given):
-        asked.append(given[-1])
-        raise InputError("enough")
-
-    monkeypatch.setattr(tradeoffs, "choose_study", choose)
+def test_a_scene_with_a_history_names_the_truth_of_a_trade_off(tmp_path, asked, rough):
     scene = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
 packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
@@ -540,7 +514,7 @@ medium: [ema, {simulation: {%s}}, {auto: {tolerance: 0.1, friction_history: true
         file.write_text(scene % f"friction_history: true, friction_coefficient: {mu}", encoding="utf-8")
         assert main(["tradeoff", str(file)]) == 2
     # media that are loaded in two ways leave two truths
-    assert [str(one) for one in asked] == ["arrays loaded with friction, mu = 0.2, shear_response stick"]
+    assert [str(study.truth) for study, *_ in asked] == ["arrays loaded with friction, mu = 0.2, shear_response stick"]
     with pytest.raises(InputError, match="found no friction_coefficient"):
         tradeoff(rough, force=1.0, friction_history=True)
 
@@ -560,7 +534,7 @@ def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, fo
 def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, reference):
     few = reference
     assert "8 samples of 64 x 64 balls" in few.made
-    assert np.max(MediaStudy(disorder(rough, FORCES[:1])).compare_solvers(whenever())) < 1e-9
+    assert np.max(media(rough, FORCES[:1]).compare(whenever())[1]) < 1e-9
     # an independent large sample
     array = observe(gp.DirectSimulation(rough, (96, 96), 5).at_force(np.array(FORCES)))
     chance = few.errors + np.std([observe(gp.DirectSimulation(rough, (40, 40), s).at_force(np.array(FORCES))) for s in
@@ -581,7 +555,7 @@ def test_what_differs_in_samples_is_their_floor(found):
 
 def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, steel):
     for force in (3.0, 18.446, 100.0):
-        one = disorder(rough, (force,))
+        one = media(rough, (force,))
         step = 1e-6
 
         def velocity(packing, load):
@@ -619,34 +593,7 @@ def test_the_check_of_the_reference_can_be_ended(rough):
 
 def test_a_reference_that_does_not_fit_is_said_to(rough):
     with pytest.raises(GranphonError, match="budget"):
-        MediaStudy(disorder(rough)).find_reference(Deadline(WorkCounter(), 99.0), lambda one: False, WorkCounter())
-
-
-def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, clock):
-    lists = []
-
-    def solved(shape, *_):
-        clock.work(3.0)
-        lists.append(shape)
-
-    monkeypatch.setattr(disorder_module, "solve_curve", solved)
-    rng = np.random.default_rng(0)
-
-    def study(count):
-        d = 8e-3 + 1e-6 * rng.standard_normal(count)
-        packing = gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist())))
-        return Disorder(packing, Load("force", (1.0,)), (), clock)
-
-    assert study(4).solving == 0.0
-    assert not lists
-    for count, most in ((60, 60), (150, 150), (600, 192)):  # longer lists are put together
-        found = study(count)
-        assert 0.75 * most < len(found.shape.positions) <= most
-        # of 20 diameters, as all openings differ: those of n diameters are n (n + 1) / 2
-        grown = found.shape.openings.size / 210.0
-        assert found.solving == pytest.approx(3.0 * grown**1.1, rel=1e-4)
-        assert len(lists[-1].positions) == 20
-    assert len(lists) == 3
+        media(rough).find_reference(Deadline(WorkCounter(), 99.0), lambda one: False, WorkCounter())
 
 
 @pytest.mark.parametrize(
@@ -842,16 +789,3 @@ def test_an_interruption_leaves_nothing(work, which):
     assert err.startswith("granphon: error: interrupted; no result was written.")
     assert err.count("\n") == 1
     assert [path.name for path in work.iterdir()] == ["scene.yaml"]
-
-
-def test_points_are_timed_by_what_is_asked_of_them(rough):
-    """Preparation and solution, through the study's own points."""
-    points = MediaStudy(disorder(rough)).make_points()
-    assert len({(point.method, point.knob) for point in points}) == len(points)
-    assert np.all(np.isfinite(points[0].solve(points[0].prepare(0))))
-    random = [point for point in points if point.random]
-    assert [point.seconds for point in random] == sorted(point.seconds for point in random)
-    # another draw in every run, and the same in the same
-    draws = [random[0].solve(random[0].prepare(run)) for run in (0, 1, 0)]
-    assert np.all(draws[0] != draws[1])
-    assert_array_equal(draws[0], draws[2])

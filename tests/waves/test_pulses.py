@@ -12,7 +12,6 @@ from scipy.special import jv
 import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
-from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
@@ -305,7 +304,7 @@ def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, lar
     for friction, unstable in ((False, True), (True, False)):
         packing = gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)
         state = gp.AveragedLattice(packing).at_overlap(1e-6, finite_overlap=True)
-        waves = gp.Waves(ContactNetwork.from_state(state, shape))
+        waves = gp.Waves(state.network.repeat(shape))
         if unstable:
             with pytest.raises(InstabilityError, match="squared frequency is below zero"):
                 waves.transmit(12e3, along, 0.03, 1, ends=ends)
@@ -423,7 +422,7 @@ def require_unknown(pulse, why):
 @pytest.mark.parametrize("distance", [0.1, 0.15, 0.2, 0.25])
 def test_a_periodic_network_without_room_for_burst_and_flight_is_refused(cycles, distance):
     packing = gp.Packing(STEEL, 8e-3)
-    network = ContactNetwork.from_state(gp.AveragedLattice(packing).at_force(5.0), (2, 80))
+    network = gp.AveragedLattice(packing).at_force(5.0).network.repeat((2, 80))
     sound = gp.sound_velocities(gp.AveragedLattice(packing).at_force(5.0), (0, 1)).longitudinal
     period = 80 * np.sqrt(0.75) * 8e-3
     waves, refused = gp.Waves(network), 0

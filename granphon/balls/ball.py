@@ -1,0 +1,156 @@
+"""The ball: its material, size, mass and inertia; and the elastic constants of two bodies that touch.
+
+A flat wall that does not yield is a body like a ball, of no curvature and no compliance (:data:`RIGID_PLANE`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from granphon.balls.material import Material
+from granphon.base.errors import InputError, message
+from granphon.base.validation import label, positive, require
+
+
+class Body(Protocol):
+    """What a contact law knows of each of the two bodies that touch.
+
+    ``name`` is what messages call it, and pairs of kinds are named with.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name of the kind; empty if it has none."""
+        ...
+
+    @property
+    def curvature(self) -> float:
+        """One over the radius, 1/m; 0 of a plane."""
+        ...
+
+    @property
+    def compliance(self) -> float:
+        """(1 - sigma^2)/E, 1/Pa; 0 of a rigid body."""
+        ...
+
+    @property
+    def shear_compliance(self) -> float:
+        """(2 - sigma)/G, 1/Pa; 0 of a rigid body."""
+        ...
+
+    @property
+    def twist_compliance(self) -> float:
+        """1/G, 1/Pa; 0 of a rigid body."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball of a crystal.
+
+    Parameters
+    ----------
+    material : the material, which says how contacts yield; and what the ball weighs, if no mass is given.
+    diameter : m.
+    mass : kg; by default that of a solid ball of the material. It is a number afterwards.
+    inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, that of a solid ball of this mass.
+    name : what messages call the kind, and contact laws of a pair of kinds are named by. A crystal calls kinds without a
+        name A, B, C, ... in the order in which they come.
+
+    Raises
+    ------
+    InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia above 2/3 m R^2, that of a
+        shell, which no ball has; something else than a :class:`~granphon.Material`; a name that cannot be read.
+    """
+
+    material: Material
+    diameter: float
+    mass: float = None  # type: ignore[assignment]  # a number from the constructor on
+    inertia: float = None  # type: ignore[assignment]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.material, Material):
+            raise InputError(message(f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"))
+        diameter = positive("diameter", self.diameter, "m")
+        mass: float | None = self.mass
+        mass = positive("mass", self.material.ball_mass(diameter) if mass is None else mass, "kg")
+        inertia: float | None = self.inertia
+        solid = 0.1 * mass * diameter * diameter
+        inertia = positive("inertia", solid if inertia is None else inertia, "kg m^2")
+        if inertia > 5.0 / 3.0 * solid * (1.0 + 1e-9):
+            why = f"That of a shell of this mass, the largest there is, is {5.0 / 3.0 * solid:g} kg m^2"
+            raise InputError(message(f"inertia is {inertia:g} kg m^2", why, "Compare the units"))
+        if self.name != "":
+            require("the name of a ball", label, self.name)
+        for name, value in (("diameter", diameter), ("mass", mass), ("inertia", inertia)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def radius(self) -> float:
+        """Half the diameter, m."""
+        return 0.5 * self.diameter
+
+    @property
+    def curvature(self) -> float:
+        """One over the radius, 1/m."""
+        return 2.0 / self.diameter
+
+    @property
+    def compliance(self) -> float:
+        """(1 - sigma^2)/E of the material, 1/Pa."""
+        return 0.5 / self.material.contact_modulus
+
+    @property
+    def shear_compliance(self) -> float:
+        """(2 - sigma)/G of the material, 1/Pa."""
+        return (2.0 - self.material.poisson_ratio) / self.material.shear_modulus
+
+    @property
+    def twist_compliance(self) -> float:
+        """1/G of the material, 1/Pa."""
+        return 1.0 / self.material.shear_modulus
+
+
+@dataclass(frozen=True)
+class _RigidPlane:
+    """A flat wall that does not yield, such as the floor of a column."""
+
+    name: str = "floor"
+    curvature: float = 0.0
+    compliance: float = 0.0
+    shear_compliance: float = 0.0
+    twist_compliance: float = 0.0
+
+
+#: the floor on which a crystal stands
+RIGID_PLANE = _RigidPlane()
+
+
+class ContactConstants(NamedTuple):
+    """The elastic constants of two bodies that touch (K. L. Johnson, Contact Mechanics, 1985, chapters 4 and 7).
+
+    Attributes
+    ----------
+    modulus : E*, Pa: 1/E* is the sum of (1 - sigma^2)/E of both.
+    radius : R, m: 1/R is the sum of both curvatures.
+    mindlin_ratio : kappa/k = 4 G*/E* of a contact that does not slip: k = 2 E* a and kappa = 8 G* a have the contact radius
+        a in common, whatever the law; 1/G* is the sum of (2 - sigma)/G of both.
+    twist_modulus : the stiffness against twist is this number times a^3, Pa: 16/3 over the sum of 1/G of both.
+    """
+
+    modulus: float
+    radius: float
+    mindlin_ratio: float
+    twist_modulus: float
+
+    @classmethod
+    def of(cls, ball: Body, other: Body) -> ContactConstants:
+        """The constants of a pair; raises :class:`InputError` if none of the two yields, or if both are flat."""
+        curvature, compliance = ball.curvature + other.curvature, ball.compliance + other.compliance
+        if not (curvature > 0.0 and compliance > 0.0):
+            raise InputError(message("two flat or rigid bodies make no elastic contact", mend="One must be a ball"))
+        ratio = 4.0 * compliance / (ball.shear_compliance + other.shear_compliance)
+        twist = 16.0 / 3.0 / (ball.twist_compliance + other.twist_compliance)
+        return cls(1.0 / compliance, 1.0 / curvature, ratio, twist)

@@ -1,0 +1,521 @@
+"""Laws of the normal force of a contact: Hertz's, powers, adhesive ones, tables, and those of users.
+
+A law is an object whose method ``between(ball, ball)`` returns the law of these two bodies, a :class:`PairLaw`: force,
+stiffness, the slope of the stiffness and energy as functions of the overlap, and the overlap as a function of the force. A
+user's own object with these five methods is the law of all pairs. Overlaps are in m and positive where balls are pressed;
+forces are in N, and positive where they push.
+
+JKR is the law of K. L. Johnson, K. Kendall and A. D. Roberts (Proc. R. Soc. A 324, 301, 1971), and DMT that of B. V.
+Derjaguin, V. M. Muller and Yu. P. Toporov (J. Colloid Interface Sci. 53, 314, 1975); here ``adhesion`` is the work of
+adhesion w of the two surfaces, J/m^2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.ball import Body, ContactConstants
+from granphon.balls.hertz import HertzLaw
+from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import not_negative, positive, real_array
+
+Array = NDArray[np.float64]
+#: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
+_PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
+#: step of these comparisons, over the overlap, and the relative error that is allowed
+_STEP, _ALLOWED = 1e-4, 1e-5
+#: the five methods of the law of a pair
+_METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
+#: nodes of the quadrature of a tabulated force between two points of the table
+_NODES = 24
+#: most steps of Newton's method, where a law is inverted
+_STEPS = 60
+#: root u of u^4 - u = D at which the contact of a JKR law is pulled apart, and D there
+_JKR_ROOT = 0.75 ** (1.0 / 3.0)
+_JKR_LEAST = -0.25 * _JKR_ROOT
+
+
+class PairLaw(Protocol):
+    """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
+
+    A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if it has none; below 0 where
+    they adhere), and ``most_overlap``, up to which it is known.
+    """
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Return the force f, N."""
+        ...
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Return the stiffness df/d(delta), N/m."""
+        ...
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Return the slope of the stiffness, d^2f/d(delta)^2, N/m^2."""
+        ...
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Return the energy, J, whose derivative is the force."""
+        ...
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Return the overlap delta at a force, m."""
+        ...
+
+
+def _require_pushing(load: Array, least: float = 0.0) -> None:
+    if not np.all(load >= least):
+        what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
+        why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
+        raise InputError(message(what, why, f"Give f >= {least:.6g}"))
+
+
+@dataclass(frozen=True)
+class Hertz:
+    """Hertz's law f = (4/3) E* R^(1/2) delta^(3/2) of two elastic balls, also of unlike ones.
+
+    1/E* is the sum of (1 - sigma^2)/E of both, 1/R that of one over the radii.
+    """
+
+    def between(self, ball: Body, other: Body) -> HertzLaw:
+        """Return the law of the contact of two bodies."""
+        constants = ContactConstants.of(ball, other)
+        return HertzLaw(4.0 / 3.0 * constants.modulus * math.sqrt(constants.radius))
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """The law f = c delta^a of all contacts, whatever the balls: a = 1 a spring that only pushes, 2 a cone.
+
+    Parameters
+    ----------
+    exponent : a, 1 or above.
+    coefficient : c, N/m^a.
+
+    Its methods take scalars or arrays, and return floats for floats.
+
+    Raises
+    ------
+    InputError : an exponent below 1, or a number that is not finite or not above zero.
+    """
+
+    exponent: float
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "exponent", positive("exponent", self.exponent))
+        object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^exponent"))
+        if self.exponent < 1.0:
+            why = "Below 1 a contact is infinitely stiff where balls begin to touch"
+            raise InputError(message(f"exponent is {self.exponent:g}", why, "Give 1 or more"))
+
+    @property
+    def least_overlap(self) -> float:
+        """Overlap up to which balls are apart, m: zero."""
+        return 0.0
+
+    def between(self, ball: Body, other: Body) -> PowerLaw:
+        """Return the law itself: it is the same for all pairs."""
+        return self
+
+    def _power(self, overlap: ArrayLike, order: int) -> Any:
+        """Return the derivative of the force of an ``order``; -1 is the energy. It is zero where the balls are apart."""
+        delta, a = np.asarray(real_array("overlap", overlap)), self.exponent
+        factor = {-1: 1.0 / (a + 1.0), 0: 1.0, 1: a, 2: a * (a - 1.0)}[order] * self.coefficient
+        out = np.zeros(delta.shape)
+        np.power(delta, a - order, out=out, where=delta > 0.0)
+        return (factor * out)[()]
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Energy c delta^(a+1)/(a+1), J; ``overlap`` delta in m."""
+        return self._power(overlap, -1)
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Force c delta^a, N; ``overlap`` delta in m."""
+        return self._power(overlap, 0)
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Stiffness a c delta^(a-1), N/m; ``overlap`` delta in m."""
+        return self._power(overlap, 1)
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Slope of the stiffness, a (a-1) c delta^(a-2), N/m^2; ``overlap`` delta in m."""
+        return self._power(overlap, 2)
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
+        load = np.asarray(real_array("force", force))
+        _require_pushing(load)
+        return ((load / self.coefficient) ** (1.0 / self.exponent))[()]
+
+
+@dataclass(frozen=True)
+class _Adhesive:
+    """A law with a work of adhesion."""
+
+    adhesion: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "adhesion", not_negative("adhesion", self.adhesion, "J/m^2"))
+
+
+@dataclass(frozen=True)
+class DMT(_Adhesive):
+    """The law of Derjaguin, Muller and Toporov: Hertz's force less 2 pi w R, for stiff balls of small adhesion.
+
+    Parameters
+    ----------
+    adhesion : the work of adhesion w of the two surfaces, J/m^2; 0 is Hertz's law.
+
+    A contact bears a tension of up to 2 pi w R, at which the balls only touch; farther apart it is broken, and the
+    attraction of balls that do not touch is left out.
+
+    Raises
+    ------
+    InputError : an adhesion that is not a finite number, zero or above.
+    """
+
+    def between(self, ball: Body, other: Body) -> DMTLaw:
+        """Return the law of the contact of two bodies."""
+        tension = 2.0 * math.pi * self.adhesion * ContactConstants.of(ball, other).radius
+        return DMTLaw(Hertz().between(ball, other), tension)
+
+
+@dataclass(frozen=True)
+class DMTLaw:
+    """The law of a pair that :class:`~granphon.DMT` returns: Hertz's law less a ``tension``, N, where the balls touch.
+
+    All methods take scalars or arrays, and return floats for floats.
+    """
+
+    hertz: HertzLaw
+    tension: float
+
+    @property
+    def least_overlap(self) -> float:
+        """Overlap at which the contact breaks, m: zero."""
+        return 0.0
+
+    def _pull(self, overlap: ArrayLike) -> Array:
+        return np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Energy over that of the balls that only touch, J; ``overlap`` in m."""
+        return (self.hertz.energy(overlap) - self._pull(overlap) * np.asarray(overlap))[()]
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Force, N; ``overlap`` in m. It is zero where the contact is broken."""
+        return (self.hertz.force(overlap) - self._pull(overlap))[()]
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Stiffness, N/m; ``overlap`` in m."""
+        return self.hertz.stiffness(overlap)
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Slope of the stiffness, N/m^2; ``overlap`` in m."""
+        return self.hertz.stiffness_slope(overlap)
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
+        load = np.asarray(real_array("force", force))
+        _require_pushing(load, -self.tension)
+        return self.hertz.overlap(load + self.tension)
+
+
+@dataclass(frozen=True)
+class JKR(_Adhesive):
+    """The law of Johnson, Kendall and Roberts, for soft balls of large adhesion.
+
+    Parameters
+    ----------
+    adhesion : the work of adhesion w of the two surfaces, J/m^2; 0 is Hertz's law.
+
+    A contact bears a tension of up to (3/2) pi w R, at which its stiffness is zero and the balls are apart by 0.23 a^2/R, a
+    being (2 pi w R^2/E*)^(1/3). Farther apart it is broken: the branch that is stable only where the distance is held is
+    left out.
+
+    Raises
+    ------
+    InputError : an adhesion that is not a finite number, zero or above.
+    """
+
+    def between(self, ball: Body, other: Body) -> JKRLaw | HertzLaw:
+        """Return the law of the contact of two bodies: Hertz's if there is no adhesion."""
+        if not self.adhesion:
+            return Hertz().between(ball, other)
+        constants = ContactConstants.of(ball, other)
+        spot = math.cbrt(2.0 * math.pi * self.adhesion * constants.radius / constants.modulus * constants.radius)
+        scale = 2.0 * math.pi * self.adhesion * constants.radius
+        return JKRLaw(scale, spot * spot / constants.radius)
+
+
+@dataclass(frozen=True)
+class JKRLaw:
+    """The law of a pair that :class:`~granphon.JKR` returns.
+
+    With the contact radius a = (2 pi w R^2/E*)^(1/3) u^2, force and overlap are ``force_scale`` times (4/3) u^6 - 2 u^3, N,
+    and ``length`` times u^4 - u, m; u^3 is 3/4 where the contact breaks, and 3/2 where it bears no load. All methods take
+    scalars or arrays, and return floats for floats.
+    """
+
+    force_scale: float
+    length: float
+
+    @property
+    def least_overlap(self) -> float:
+        """Overlap at which the contact breaks, m."""
+        return _JKR_LEAST * self.length
+
+    def _find_root(self, overlap: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Return u of each overlap, and whether the contact is whole."""
+        reduced = np.asarray(real_array("overlap", overlap)) / self.length
+        whole = reduced >= _JKR_LEAST * (1.0 + 4e-16)
+        target = np.maximum(reduced, _JKR_LEAST)
+        # u^4 - u is convex, and the first guess is not below the root: Newton's steps come down to it
+        high = np.maximum(target, 0.0)
+        u = np.sqrt(np.sqrt(high + 1.0 + np.sqrt(np.sqrt(high))))
+        for _ in range(_STEPS):
+            step = (u**4 - u - target) / (4.0 * u**3 - 1.0)
+            u = u - step
+            if np.all(np.abs(step) <= 2e-16 * u):
+                break
+        return np.maximum(u, _JKR_ROOT), whole
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Energy over that of the balls far apart, J; ``overlap`` in m."""
+        u, whole = self._find_root(overlap)
+        reduced = u**4 * (8.0 / 15.0 * u**6 - 4.0 / 3.0 * u**3 + 0.5)
+        return np.where(whole, self.force_scale * self.length * reduced, 0.0)[()]
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Force, N; ``overlap`` in m. It is zero where the contact is broken."""
+        u, whole = self._find_root(overlap)
+        return np.where(whole, self.force_scale * 2.0 * u**3 * (2.0 / 3.0 * u**3 - 1.0), 0.0)[()]
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Stiffness, N/m; ``overlap`` in m."""
+        u, whole = self._find_root(overlap)
+        slope = 2.0 * u**2 * (4.0 * u**3 - 3.0) / (4.0 * u**3 - 1.0)
+        return np.where(whole, self.force_scale / self.length * slope, 0.0)[()]
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Slope of the stiffness, N/m^2; ``overlap`` in m."""
+        u, whole = self._find_root(overlap)
+        rise = 4.0 * u**3 - 1.0
+        slope = 4.0 * u * (4.0 * u**3 - 3.0) / rise + 48.0 * u**4 / rise**2
+        return np.where(whole, self.force_scale / self.length**2 * slope / rise, 0.0)[()]
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
+        load = np.asarray(real_array("force", force)) / self.force_scale
+        _require_pushing(load * self.force_scale, -0.75 * self.force_scale)
+        cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
+        u = np.cbrt(cube)
+        return (self.length * u * (cube - 1.0))[()]
+
+
+@dataclass(frozen=True)
+class TabulatedLaw:
+    """A law that is given by a table of overlaps and forces, for all pairs.
+
+    The logarithm of the force is a monotone cubic of that of the overlap (scipy's ``PchipInterpolator``), so that a table of
+    a power law gives that law at all overlaps. Below the first point and above the last it goes on as a power.
+
+    Parameters
+    ----------
+    overlap : (n,) overlaps, m, ascending, two or more of them above zero.
+    force : (n,) forces, N, ascending. A first point (0, 0) may be there, and changes nothing.
+
+    Its methods take scalars or arrays, and return floats for floats.
+
+    Raises
+    ------
+    InputError : columns that are not of one length, numbers that are not finite, do not ascend or are not above zero.
+    """
+
+    overlaps: tuple[float, ...]
+    forces: tuple[float, ...]
+
+    def __init__(self, overlap: ArrayLike, force: ArrayLike) -> None:
+        delta, f = real_array("overlap", overlap), real_array("force", force)
+        if delta.ndim != 1 or delta.shape != f.shape:
+            what = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
+            raise InputError(message(what, mend="Give two lists of one length"))
+        if delta.size and delta[0] == 0.0 and f[0] == 0.0:
+            delta, f = delta[1:], f[1:]
+        good = np.isfinite(delta) & np.isfinite(f) & (delta > 0.0) & (f > 0.0)
+        good &= (np.diff(delta, prepend=0.0) > 0.0) & (np.diff(f, prepend=0.0) > 0.0)
+        if not np.all(good):
+            row = int(np.argmin(good))
+            what = f"the table of a contact law has the overlap {delta[row]:g} m and the force {f[row]:g} N in its row {row}"
+            raise InputError(message(what, "Both must be above zero, and above those of the row before", "Sort the table"))
+        if delta.size < 2:
+            what = f"the table of a contact law has {delta.size} rows with a force"
+            raise InputError(message(what, mend="Give two or more"))
+        object.__setattr__(self, "overlaps", tuple(delta.tolist()))
+        object.__setattr__(self, "forces", tuple(f.tolist()))
+
+    @property
+    def least_overlap(self) -> float:
+        """Overlap up to which balls are apart, m: zero."""
+        return 0.0
+
+    @property
+    def most_overlap(self) -> float:
+        """Overlap up to which the table reaches, m."""
+        return self.overlaps[-1]
+
+    def between(self, ball: Body, other: Body) -> TabulatedLaw:
+        """Return the law itself: it is the same for all pairs."""
+        return self
+
+    @cached_property
+    def _knots(self) -> tuple[Array, Array]:
+        return np.log(self.overlaps), np.log(self.forces)
+
+    @cached_property
+    def _curve(self) -> Any:
+        from scipy.interpolate import PchipInterpolator
+
+        return PchipInterpolator(*self._knots)
+
+    def _logarithm(self, x: Array, order: int = 0) -> Array:
+        """Return log f at x = log delta, or its derivative of an ``order``."""
+        places, curve = self._knots[0], self._curve
+        inside = np.clip(x, places[0], places[-1])
+        found = np.asarray(curve(inside, order))
+        if order == 2:
+            return np.where(x == inside, found, 0.0)
+        return found + (x - inside) * curve(inside, 1) if order == 0 else found
+
+    @cached_property
+    def _energies(self) -> Array:
+        """Energies at the points of the table, J."""
+        places = self._knots[0]
+        first = self.forces[0] * self.overlaps[0] / (1.0 + float(self._logarithm(places[:1], 1)[0]))
+        return first + np.concatenate([[0.0], np.cumsum(self._integrate(places[:-1], places[1:]))])
+
+    def _integrate(self, low: Array, high: Array) -> Array:
+        """Return the integral of the force from one overlap to another between the same points of the table, J."""
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        half = 0.5 * (high - low)
+        x = low[..., None] + half[..., None] * (1.0 + nodes)
+        return half * (np.exp(self._logarithm(x) + x) @ weights)
+
+    def _at(self, overlap: ArrayLike) -> tuple[NDArray[np.bool_], Array]:
+        """Return whether balls touch, and log delta (of the first point where they do not)."""
+        delta = np.asarray(real_array("overlap", overlap))
+        touch = delta > 0.0
+        return touch, np.log(np.where(touch, delta, self.overlaps[0]))
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Energy, J; ``overlap`` in m."""
+        touch, x = self._at(overlap)
+        places = self._knots[0]
+        place = np.clip(np.searchsorted(places, x, side="right") - 1, 0, len(places) - 1)
+        slope = self._logarithm(x, 1)
+        ends = np.exp(self._logarithm(x) + x) / (1.0 + slope)  # of a power law from zero on
+        last = self._energies[-1] - self.forces[-1] * self.overlaps[-1] / (1.0 + float(self._logarithm(places[-1:], 1)[0]))
+        inside = self._energies[place] + self._integrate(places[place], np.clip(x, places[0], places[-1]))
+        found = np.where(x < places[0], ends, np.where(x > places[-1], last + ends, inside))
+        return np.where(touch, found, 0.0)[()]
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Force, N; ``overlap`` in m."""
+        touch, x = self._at(overlap)
+        return np.where(touch, np.exp(self._logarithm(x)), 0.0)[()]
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Stiffness, N/m; ``overlap`` in m."""
+        touch, x = self._at(overlap)
+        return np.where(touch, np.exp(self._logarithm(x) - x) * self._logarithm(x, 1), 0.0)[()]
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Slope of the stiffness, N/m^2; ``overlap`` in m. It jumps at the points of the table."""
+        touch, x = self._at(overlap)
+        slope = self._logarithm(x, 1)
+        bend = slope * (slope - 1.0) + self._logarithm(x, 2)
+        return np.where(touch, np.exp(self._logarithm(x) - 2.0 * x) * bend, 0.0)[()]
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
+        load = np.asarray(real_array("force", force))
+        _require_pushing(load)
+        places, values = self._knots
+        goal = np.log(np.where(load > 0.0, load, self.forces[0]))
+        # log f rises with log delta: Newton's method, kept between the two points of the table
+        place = np.clip(np.searchsorted(values, goal, side="right"), 0, len(places))
+        low = np.where(place > 0, places[np.maximum(place - 1, 0)], -np.inf)
+        high = np.where(place < len(places), places[np.minimum(place, len(places) - 1)], np.inf)
+        x = np.interp(goal, values, places)
+        for _ in range(_STEPS):
+            off, slope = self._logarithm(x) - goal, self._logarithm(x, 1)
+            low, high = np.where(off < 0.0, x, low), np.where(off > 0.0, x, high)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                new = x - off / slope
+                middle = 0.5 * (low + high)
+            new = np.where((new >= low) & (new <= high), new, np.where(np.isfinite(middle), middle, x))
+            done = np.abs(new - x) <= 4e-16 * np.maximum(1.0, np.abs(x))
+            x = new
+            if np.all(done):
+                break
+        return np.where(load > 0.0, np.exp(x), 0.0)[()]
+
+
+def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
+    """Return the law of a contact: that which ``law`` has between the two bodies, or itself if it is the law of all pairs.
+
+    Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods.
+    """
+    found = law.between(ball, other) if hasattr(law, "between") else law
+    if lacking := [name for name in _METHODS if not callable(getattr(found, name, None))]:
+        what = f"the contact law {brief(law)} has no method {', '.join(lacking)}"
+        mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
+        raise InputError(message(what, "They are functions of the overlap, and overlap is one of the force", mend))
+    return found  # type: ignore[no-any-return]
+
+
+def check_law(law: PairLaw, radius: float) -> None:
+    """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the ``radius``, m.
+
+    Raises :class:`~granphon.base.errors.InputError` if one is not the derivative of another, if the overlap of a force is
+    not that from which the force is, if methods do not take arrays, or if the force does not rise with the overlap.
+    """
+    if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
+        return
+    name, delta = type(law).__name__, _PROBES * radius
+    steps = delta[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
+    values = {}
+    for method in ("energy", "force", "stiffness", "stiffness_slope"):
+        given = np.asarray(getattr(law, method)(steps))
+        if given.shape != steps.shape or given.dtype.kind != "f" or not np.all(np.isfinite(given)):
+            what = f"{method} of the contact law {name} returns {brief(given)} for an array of overlaps"
+            raise InputError(message(what, mend="Return an array of numbers of the same shape"))
+        values[method] = given
+
+    def refuse(what: str, where: int) -> None:
+        raise InputError(message(f"{what} at an overlap of {delta[where]:.4g} m", mend="Mend the law"))
+
+    for method, of in (("energy", "force"), ("force", "stiffness"), ("stiffness", "stiffness_slope")):
+        rise = (values[method][:, 1] - values[method][:, 2]) / (2.0 * _STEP * delta)
+        told = values[of][:, 0]
+        size = np.maximum(np.abs(told), np.abs(values[method][:, 0]) / delta)
+        off = np.abs(rise - told) > _ALLOWED * size
+        if np.any(off):
+            at = int(np.argmax(off))
+            refuse(
+                f"{of} of the contact law {name} is {told[at]:.6g}, and the derivative of its {method} {rise[at]:.6g}", at
+            )
+    if np.any(values["stiffness"][:, 0] <= 0.0):
+        refuse(f"the force of the contact law {name} does not rise", int(np.argmax(values["stiffness"][:, 0] <= 0.0)))
+    back = np.asarray(law.overlap(values["force"][:, 0]))
+    off = np.abs(back - delta) > _ALLOWED * delta
+    if np.any(off):
+        at = int(np.argmax(off))
+        refuse(f"overlap(force(overlap)) of the contact law {name} is {back[at]:.6g} m", at)

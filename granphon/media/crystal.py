@@ -1,0 +1,1162 @@
+"""Crystals: balls of several kinds on any sites, and their contacts under any load.
+
+A crystal is data: kinds of balls, a cell, places at which neighbours touch, the law of each contact, and how its edges are
+held. Its methods ``at_...`` find the state at rest (:mod:`granphon.media.crystal_statics`), whose network of contacts is
+what velocities, bands and waves are found from.
+
+Where a crystal has been cut, its remaining periods lie along x, or in the xy plane, and its layers follow each other along
+the next axis: y in a plane, z in space, x of a chain.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.sparse_matrices import compose
+from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_between
+from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, require_joined
+from granphon.balls.hertz import MOST_CONTACT_RADIUS
+from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.packing import MINDLIN, read_rolling
+from granphon.base.errors import InputError, brief, message
+from granphon.base.results import read_only
+from granphon.base.scales import Units
+from granphon.base.text import counted
+from granphon.base.validation import finite_array, lengths, real_array, require, truth, whole_number
+from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
+from granphon.media.state import read_finite_overlap
+from granphon.networks.network import ContactNetwork
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Edge = Literal["free", "clamped", "floor"]
+#: how an edge may be held
+EDGES = ("free", "clamped", "floor")
+#: structures of two kinds of balls, beside the lattices that have a name
+STRUCTURES = ("NaCl", "CsCl", "zincblende")
+#: most cells of a supercell along a period, and most layers of a cut
+_MOST_CELLS = 1_000_000
+#: the arrays of a state, in the order of its fields
+_PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
+#: relative error at which a mean force or overlap is reached, and most states on the way to it
+_MEAN, _MEANS = 4e-15, 60
+#: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest, 2/3 of which is the mean
+_YIELD = 1.07
+
+
+class Faces(NamedTuple):
+    """The two faces of a cut, across ``axis`` of the crystal, lower and upper.
+
+    ``balls`` are those that a face touches, or the layer that it holds; ``thickness`` is that of all layers, m.
+    """
+
+    axis: int
+    thickness: float
+    edges: tuple[Edge, Edge]
+    balls: tuple[Index, Index]
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Crystal:
+    """Balls of several kinds on the sites of a cell, which touch their neighbours.
+
+    Parameters
+    ----------
+    balls : a :class:`~granphon.Ball` for each site.
+    cell : (p, d) vectors as rows along which the crystal repeats, m; p <= d <= 3. One lies along x, two lie in the xy plane.
+        An empty list for a cluster without periods.
+    positions : (n, d) centres, m.
+    law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
+    pairs
+        of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the methods of
+        :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives once.
+    friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
+    where
+        the contact radius a of any law is that of its stiffness k = 2 E* a.
+    motions : the motions of each ball, as for :class:`~granphon.Packing`.
+    torsion, bending : the stiffness of a contact against twist and rolling, over k times the square of the distance of its
+        two centres; or torsion="mindlin", which is (16/3) a^3 over the sum of 1/G of both balls.
+    name : what messages call the crystal.
+
+    Attributes
+    ----------
+    kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has no name.
+    kind : (n,) the number of the kind of each ball.
+    contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
+
+    Raises
+    ------
+    InputError : arrays whose shapes do not fit, numbers that are not finite, balls that overlap, that miss each other by
+    less
+        than a thousandth, or that touch nothing; contacts that do not join all balls; a law that lacks a pair or a method.
+    """
+
+    kinds: tuple[Ball, ...]
+    names: tuple[str, ...]
+    kind: Index
+    cell: Array
+    positions: Array
+    contacts: ContactTable
+    law: Any
+    friction: bool
+    motions: str | None
+    torsion: float | str
+    bending: float
+    name: str
+    faces: tuple[Faces, ...]
+
+    def __init__(
+        self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
+        motions: str | None = None, torsion: float | str = 0.0, bending: float = 0.0, name: str = "of these balls",
+    ) -> None:  # fmt: skip
+        places = real_array("positions", positions)
+        vectors = real_array("cell", cell)
+        if places.ndim != 2 or not len(places) or not 1 <= places.shape[1] <= 3:
+            what = f"positions of the crystal have the shape {places.shape}"
+            raise InputError(message(what, mend="Give (n, d) centres in m, d = 1, 2 or 3"))
+        n, d = places.shape
+        vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
+        if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
+            what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
+            raise InputError(message(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m"))
+        if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
+            raise InputError(message("the cell or a position of the crystal is not finite"))
+        given: list[Any] = [balls] if isinstance(balls, Ball) else list(balls)
+        if len(given) != n:
+            raise InputError(message(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site"))
+        kinds, kind = _find_kinds(given)
+        p, radii = len(vectors), np.array([ball.radius for ball in kinds])[kind]
+        mean = float(np.mean(radii))
+        if np.any(np.abs(vectors[:, p:]) > TOUCH * mean):
+            where = ("", "along x", "in the xy plane", "")[p]
+            raise InputError(message(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"))
+        if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
+            what = f"the cell of crystal {name!r} has no room for a ball"
+            raise InputError(message(what, "Its vectors are too short, or not independent", "Give lengths in m"))
+        if p == 0 and n == 1:
+            raise InputError(message("a single ball without a period touches nothing", mend="Give a cell"))
+        contacts = find_contacts(vectors, places, name, radii)
+        read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
+        self._set(
+            kinds=kinds, names=_name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
+            law=Hertz() if law is None else law, friction=require("friction", truth, friction), motions=motions,
+            torsion=read[0], bending=read[1], name=name, faces=(),
+        )  # fmt: skip
+
+    def _set(self, **values: Any) -> None:
+        for key, value in values.items():
+            kept = read_only(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, key, kept)
+        _ = self.springs  # the laws of all pairs are there
+
+    def _derive(self, **changes: Any) -> Self:
+        """Return the crystal with other values of some attributes."""
+        other = object.__new__(type(self))
+        fields = {key: getattr(self, key) for key in self.__dataclass_fields__}
+        other._set(**(fields | changes))
+        return other
+
+    # -- other ways to make one -------------------------------------------------------------------------------------------
+
+    @classmethod
+    def on(cls, lattice: str | Lattice, balls: Sequence[Ball], **options: Any) -> Self:
+        """Make a crystal of kinds of balls on the sites of a lattice, in turn, so that neighbours touch.
+
+        Parameters
+        ----------
+        lattice : the name of a lattice of :class:`~granphon.Packing`, "NaCl", "CsCl" or "zincblende", or a
+            :class:`~granphon.Lattice`. A chain takes any number of kinds, and has as many balls in its cell; elsewhere the
+            number of sites in the cell must be a multiple of the number of kinds.
+        balls : a ball of each kind.
+        options : those of the class: law, friction, motions, torsion, bending, name.
+
+        The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
+        because the radii do not fit the lattice.
+        """
+        given = [balls] if isinstance(balls, Ball) else list(balls)
+        _find_kinds(given)
+        if lattice == "chain" or (isinstance(lattice, Lattice) and lattice is LATTICES["chain"]):
+            steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
+            places = np.concatenate([[0.0], np.cumsum(steps)])
+            return cls(given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options))
+        structure = _find_structure(lattice)
+        if len(given) > structure.n_balls or structure.n_balls % len(given):
+            sites = counted(structure.n_balls, "site")
+            what = f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of {structure.name}"
+            mend = "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or cell and positions"
+            raise InputError(message(what, "Kinds follow each other on the sites of one cell", mend))
+        balls_on = [given[site % len(given)] for site in range(structure.n_balls)]
+        radii, table = np.array([ball.radius for ball in balls_on]), structure.contacts
+        apart = radii[table.i] + radii[table.j]
+        scale = float(np.mean(apart))
+        if np.ptp(apart) > TOUCH * scale:
+            low, high = int(np.argmin(apart)), int(np.argmax(apart))
+            pairs = [f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m" for at in (low, high)]
+            said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
+            what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
+            raise InputError(message(what, said, "Give balls of one size, or cell and positions at which they touch"))
+        return cls(balls_on, scale * structure.vectors, scale * structure.positions, **({"name": structure.name} | options))
+
+    @classmethod
+    def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
+        """Make a crystal from ``atoms``, an ``ase.Atoms`` with lengths in m, with one of ``balls`` for each chemical symbol.
+
+        ``options`` are those of the class. The crystal repeats along the vectors of the cell that are periodic. Where all
+        balls have the same z and none of the periods leaves the plane, it is one of the plane; on a line it is a chain.
+        Kinds are called by their symbols.
+
+        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for what the class does not allow.
+        """
+        if not all(hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")):
+            raise InputError(message(f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m"))
+        symbols = atoms.get_chemical_symbols()
+        if missing := sorted(set(symbols) - set(balls)):
+            raise InputError(message(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"))
+        named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
+        places, cell = np.array(atoms.positions, float), np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
+        small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
+        d = 3
+        while d > 1 and len(cell) < d and np.ptp(places[:, d - 1]) <= small and not np.any(np.abs(cell[:, d - 1]) > small):
+            d -= 1
+        return cls([named[one] for one in symbols], cell[:, :d], places[:, :d], **({"name": "of these atoms"} | options))
+
+    def repeat(self, shape: Any) -> Self:
+        """Return the crystal of ``shape`` (L1, ..., Lp) cells of this one as one cell.
+
+        Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
+        """
+        if not self.periods:
+            raise InputError(message(f"crystal {self.name!r} has no period along which it could be repeated"))
+        full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
+        cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, self.periods)
+        table, n, count = self.contacts, self.n_balls, len(cells)
+        steps = cells[:, None] + table.shift
+        there, wrapped = np.mod(steps, full), np.floor_divide(steps, full)
+        number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), full)
+        first = n * np.arange(count)[:, None]
+        contacts = ContactTable(
+            read_only((first + table.i).ravel()), read_only((n * number + table.j).ravel()),
+            read_only(wrapped.reshape(-1, self.periods)),
+            *(read_only(np.tile(one, (count, *(1,) * (one.ndim - 1)))) for one in (
+                table.normal, table.vector, table.arm_i, table.arm_j)),
+        )  # fmt: skip
+        return self._derive(
+            kind=np.tile(self.kind, count), cell=self.cell * np.array(full)[:, None], contacts=contacts,
+            positions=((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension),
+            faces=tuple(face._replace(balls=_both(face, lambda at: (first + at).ravel())) for face in self.faces),
+        )  # fmt: skip
+
+    def replace(self, index: Any, ball: Ball) -> Self:
+        """Return the crystal with another ball at one site, or at several: a defect.
+
+        ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch the same neighbours.
+        """
+        at = self._read_balls(index)
+        given = [self.kinds[one] for one in self.kind.tolist()]
+        if not isinstance(ball, Ball):
+            raise InputError(message(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball"))
+        for one in at.tolist():
+            if abs(ball.radius - given[one].radius) > 0.5 * TOUCH * ball.radius:
+                what = f"ball {one} has the radius {given[one].radius:.9g} m, and the new one {ball.radius:.9g} m"
+                why = "Its neighbours would overlap or miss it"
+                raise InputError(
+                    message(what, why, "Give a ball of the same size, or a new crystal from cell and positions")
+                )
+            given[one] = ball
+        kinds, kind = _find_kinds(given)
+        known = dict(zip(self.kinds, self.names, strict=True))
+        return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known))
+
+    def remove(self, index: Any) -> Self:
+        """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number or a list of numbers."""
+        kept = np.ones(self.n_balls, bool)
+        kept[self._read_balls(index)] = False
+        if not np.any(kept):
+            raise InputError(message("no ball is left"))
+        place = np.cumsum(kept) - 1
+        table = self.contacts
+        among = kept[table.i] & kept[table.j]
+        contacts = ContactTable(
+            read_only(place[table.i[among]]), read_only(place[table.j[among]]),
+            *(read_only(getattr(table, one)[among]) for one in ("shift", "normal", "vector", "arm_i", "arm_j")),
+        )  # fmt: skip
+        faces = tuple(face._replace(balls=_both(face, lambda at: place[at[kept[at]]])) for face in self.faces)
+        kinds, kind = _find_kinds([self.kinds[one] for one in self.kind[kept].tolist()])
+        known = dict(zip(self.kinds, self.names, strict=True))
+        other = self._derive(
+            kinds=kinds, kind=kind, names=_name_kinds(kinds, known), positions=self.positions[kept], contacts=contacts,
+            faces=faces,
+        )  # fmt: skip
+        other._require_joined()
+        return other
+
+    def _read_balls(self, index: Any) -> Index:
+        at = np.atleast_1d(np.asarray(index))
+        if at.dtype.kind not in "iu" or at.ndim != 1 or np.any((at < 0) | (at >= self.n_balls)):
+            what = f"{brief(index)} is not the number of a ball"
+            raise InputError(message(what, mend=f"Give whole numbers from 0 to {self.n_balls - 1}"))
+        return np.unique(at).astype(np.intp)
+
+    def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
+        """Return so many layers of the crystal, which no longer repeat across them: a strip, slab or column.
+
+        Parameters
+        ----------
+        axis : the number of the vector of the cell along which layers follow each other; or the integer Miller indices of
+            their plane, one for each vector of the cell.
+        layers : their number, in cells.
+        edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
+        plane
+            touches the outer balls. One word for both, or (lower, upper).
+
+        The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
+        from a plane, z from space, x from a chain. If need be the crystal is turned, so that the periods that are left lie
+        along x or in the xy plane. Where both faces are walls, a load moves the upper one.
+
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if layers do not hang together.
+        """
+        count = whole_number("layers", layers, 1, _MOST_CELLS)
+        words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
+        if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
+            raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
+        basis = _layer_basis(axis, self.periods, self.cell)
+        p, d, n = self.periods, self.dimension, self.n_balls
+        # the crystal turned: the vectors within a layer first
+        vectors = basis @ self.cell
+        inner, stack = vectors[:-1], vectors[-1]
+        turn = np.eye(d)
+        if np.any(np.abs(inner[:, p - 1 :]) > 1e-12 * np.max(np.abs(vectors))) or stack[p - 1] < 0.0:
+            q, r = np.linalg.qr(vectors[:, :p].T)
+            turn[:p, :p] = (q * np.sign(np.diag(r))).T
+        if np.linalg.det(turn) < 0.0 and p > 1:
+            basis[0], inner = -basis[0], inner * np.where(np.arange(p - 1) == 0, -1.0, 1.0)[:, None]
+            q, r = np.linalg.qr((basis @ self.cell)[:, :p].T)
+            turn[:p, :p] = (q * np.sign(np.diag(r))).T
+        vectors = basis @ self.cell @ turn.T
+        inner, stack = vectors[:-1], vectors[-1]
+        inner[:, p - 1 :] = 0.0
+        level = np.arange(count)
+        table = self.contacts
+        shift = np.rint(table.shift @ np.linalg.inv(basis)).astype(np.intp)
+        up = level[:, None] + shift[:, -1]
+        inside = (up >= 0) & (up < count)
+        layer, row = np.nonzero(inside)
+        normal, vector = table.normal @ turn.T, table.vector @ turn.T
+        contacts = ContactTable(
+            read_only(layer * n + table.i[row]), read_only(up[layer, row] * n + table.j[row]), read_only(shift[row, :-1]),
+            *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
+        )  # fmt: skip
+        positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
+        kind, a = np.tile(self.kind, count), p - 1
+        radii = np.array([ball.radius for ball in self.kinds])[kind]
+        faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
+        outer = []
+        for side, word, own in ((-1.0, words[0], 0), (1.0, words[1], count - 1)):
+            top = side * positions[:, a] + radii
+            touched = np.flatnonzero(top >= top.max() - TOUCH * radii.max())
+            outer.append(own * n + np.arange(n) if word == "clamped" else touched)
+        thickness = count * abs(float(stack[a]))
+        other = self._derive(
+            kind=kind, cell=inner, positions=positions, contacts=contacts,
+            faces=(*faces, Faces(a, thickness, (words[0], words[1]), (outer[0], outer[1]))),
+        )  # fmt: skip
+        other._require_joined()
+        return other
+
+    def _require_joined(self) -> None:
+        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp."""
+        n, p, table = self.n_balls, self.periods, self.contacts
+        i, j, shift = [table.i], [table.j], [table.shift]
+        held = [at for face in self.faces for word, at in zip(face.edges, face.balls, strict=True) if word != "free"]
+        if held:  # a wall extends along all periods
+            at = np.unique(np.concatenate(held))
+            i += [at, np.full(p, n)]
+            j += [np.full(len(at), n), np.full(p, n)]
+            shift += [np.zeros((len(at), p), np.intp), np.eye(p, dtype=np.intp)]
+        ends = np.concatenate([*i, *j])
+        count = n + bool(held)
+        if (alone := np.setdiff1d(np.arange(count), ends)).size:
+            raise InputError(message(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too"))
+        require_joined(
+            np.concatenate(i), np.concatenate(j), np.concatenate(shift), count, p, f"crystal {self.name!r}",
+            mend="Remove one of them, or give more layers",
+        )  # fmt: skip
+
+    # -- what it is -------------------------------------------------------------------------------------------------------
+
+    @property
+    def n_balls(self) -> int:
+        """Number of balls in the cell."""
+        return len(self.positions)
+
+    @property
+    def periods(self) -> int:
+        """Number p of vectors along which the crystal repeats."""
+        return len(self.cell)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of the space that holds the balls."""
+        return int(self.positions.shape[1])
+
+    @property
+    def balls(self) -> tuple[Ball, ...]:
+        """The ball at each site."""
+        return tuple(self.kinds[one] for one in self.kind.tolist())
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contacts in the cell, those with floors among them, which come last."""
+        return len(self.contacts) + sum(len(at) for _, _, at in self._floors)
+
+    @property
+    def measure(self) -> float:
+        """Length, area or volume of the cell, m^p; 1 without a period."""
+        return abs(float(np.linalg.det(self.cell[:, : self.periods]))) if self.periods else 1.0
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(f"{np.count_nonzero(self.kind == at)} {name}" for at, name in enumerate(self.names))
+        what = f"{counted(self.n_balls, 'ball')} ({kinds}), {counted(self.n_contacts, 'contact')}"
+        return f"Crystal({self.name!r}: {what}, {counted(self.periods, 'period')}, {self.dimension}D)"
+
+    @cached_property
+    def radii(self) -> Array:
+        """(n,) radii, m."""
+        return read_only(np.array([ball.radius for ball in self.kinds])[self.kind])
+
+    @cached_property
+    def masses(self) -> Array:
+        """(n,) masses, kg."""
+        return read_only(np.array([ball.mass for ball in self.kinds])[self.kind])
+
+    @cached_property
+    def _floors(self) -> list[tuple[int, float, Index]]:
+        """The floors: axis, side (-1 lower, 1 upper), and the balls that touch each."""
+        return [
+            (face.axis, side, at)
+            for face in self.faces
+            for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True)
+            if word == "floor"
+        ]
+
+    @cached_property
+    def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
+        """The different pairs of kinds that touch, with their names, and the number (n_c,) of the pair of each contact."""
+        table, m = self.contacts, len(self.kinds)
+        one, other = self.kind[table.i], self.kind[table.j]
+        at_floor = np.concatenate([np.zeros(0, np.intp), *(self.kind[at] for _, _, at in self._floors)])
+        low = np.concatenate([np.minimum(one, other), at_floor])
+        high = np.concatenate([np.maximum(one, other), np.full(len(at_floor), m)])
+        keys, number = np.unique(low * (m + 1) + high, return_inverse=True)
+        bodies: list[Body] = [*self.kinds, RIGID_PLANE]
+        names = [*self.names, RIGID_PLANE.name]
+        pairs = [(bodies[a], bodies[b], names[a], names[b]) for a, b in (divmod(key, m + 1) for key in keys.tolist())]
+        return pairs, number.astype(np.intp)
+
+    @cached_property
+    def springs(self) -> Springs:
+        """The law of each contact."""
+        pairs, number = self._pairs
+        laws: list[PairLaw] = []
+        checked: set[int] = set()
+        if isinstance(self.law, Mapping):
+            known = {*self.names, RIGID_PLANE.name}
+            for key in self.law:
+                if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
+                    raise InputError(message(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")'))
+                if wrong := [one for one in key if one not in known]:
+                    what = f"law names the kind {wrong[0]!r}"
+                    raise InputError(message(what, mend=f"The kinds are {', '.join(self.names)}"))
+        for ball, other, one, two in pairs:
+            law = self.law
+            if isinstance(law, Mapping):
+                law = law.get((one, two), law.get((two, one)))
+                if law is None:
+                    missing = [f"({a!r}, {b!r})" for _, _, a, b in pairs if {(a, b), (b, a)}.isdisjoint(self.law)]
+                    what = f"law has none for contacts of {', '.join(missing)}"
+                    raise InputError(message(what, mend="Give one for each pair of kinds that touch"))
+            found = law_between(law, ball, other)
+            if id(found) not in checked:
+                check_law(found, ContactConstants.of(ball, other).radius)
+                checked.add(id(found))
+            laws.append(found)
+        order = np.argsort(number, kind="stable")
+        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))
+        return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
+
+    @cached_property
+    def _constants(self) -> Array:
+        """(4, n_c) E*, R, kappa/k and the modulus of twist of each contact."""
+        pairs, number = self._pairs
+        return np.array([ContactConstants.of(ball, other) for ball, other, _, _ in pairs])[number].T
+
+    @cached_property
+    def ball_motions(self) -> Motions:
+        """The motions of each ball, without rotations if no contact resists any."""
+        allowed = allowed_motions(self.dimension)
+        among = next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
+        return select_motions(1.0 if self.friction else 0.0, 1.0 if self.torsion else 0.0, self.bending, among)
+
+    @cached_property
+    def _frame(self) -> tuple[Frame, Index, Index]:
+        """The unknowns of the statics, the place of each ball among the displacements (-1 if held), and its wall (-1: none).
+
+        A wall is the number of the unknown way of a wall.
+        """
+        n, d, p, table = self.n_balls, self.dimension, self.periods, self.contacts
+        place, rider = np.zeros(n, np.intp), np.full(n, -1, np.intp)
+        walls: list[tuple[int, int]] = []  # axis and number of balls of each wall that moves
+        wall_of = {}
+        for number, face in enumerate(self.faces):
+            if all(word != "free" for word in face.edges):
+                wall_of[number] = len(walls)
+                walls.append((face.axis, len(face.balls[1])))
+            for upper, word, at in zip((False, True), face.edges, face.balls, strict=True):
+                if word == "clamped":
+                    place[at] = -1
+                    rider[at] = wall_of.get(number, -1) if upper else -1
+        free = place == 0
+        place[free] = np.arange(np.count_nonzero(free))
+        n_free = d * int(np.count_nonzero(free))
+        pairs = tuple((a, b) for a in range(p) for b in range(a, p))
+        # forces on strains, sums over all contacts, are then of the size of those on balls, root of n as these are in sum
+        length = 2.0 * float(np.mean(self.radii)) * math.sqrt(max(len(table), 1))
+        first_wall = n_free + len(pairs)
+        parts: list[tuple[Any, Any, Any]] = []
+        rows = np.arange(len(table)) * d
+        for ends, sign in ((table.j, 1.0), (table.i, -1.0)):
+            moves = place[ends] >= 0
+            for a in range(d):
+                parts.append((rows[moves] + a, d * place[ends[moves]] + a, sign))
+            rides = rider[ends] >= 0
+            if np.any(rides):
+                axis = np.array([one for one, _ in walls])[rider[ends[rides]]]
+                parts.append((rows[rides] + axis, first_wall + rider[ends[rides]], sign))
+        for number, (a, b) in enumerate(pairs):
+            parts.append((rows + a, n_free + number, table.vector[:, b] / length))
+            if a != b:
+                parts.append((rows + b, n_free + number, table.vector[:, a] / length))
+        vectors, start = [table.vector], len(table)
+        for number, face in enumerate(self.faces):
+            for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
+                if word != "floor":
+                    continue
+                own = (start + np.arange(len(at))) * d + face.axis
+                moves = place[at] >= 0
+                parts.append((own[moves], d * place[at[moves]] + face.axis, -1.0))
+                if side > 0.0 and number in wall_of:
+                    parts.append((own, first_wall + wall_of[number], 1.0))
+                vectors.append(side * self.radii[at, None] * np.eye(d)[face.axis])
+                start += len(at)
+        vector = np.concatenate(vectors)
+        flat = np.arange(len(vector)) >= len(table)
+        motion = compose(parts, (len(vector) * d, first_wall + len(walls)))
+        frame = Frame(vector, flat, motion, d, self.cell[:, :p], n_free, pairs, tuple(count for _, count in walls), length)
+        return frame, place, rider
+
+    # -- under load -------------------------------------------------------------------------------------------------------
+
+    def at_pressure(
+        self, pressure: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+    ) -> CrystalState:
+        """Return the state at rest under a hydrostatic pressure.
+
+        Parameters
+        ----------
+        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. Of what was cut it acts on both
+        faces
+            too, on those that are free through their outer balls, in equal parts.
+        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp. Then the periods keep the
+        length
+            at which balls touch, as between walls, P acts on the upper face alone, and may be zero.
+        finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed cell, and static forces
+            enter the response. By default overlaps are small, which drops terms of relative order delta/d.
+
+        Raises
+        ------
+        InputError : a pressure that is not above zero (zero or above with gravity), gravity that nothing holds, or forces
+        that
+            contacts cannot bear.
+        ConvergenceError, InstabilityError : the crystal does not come to rest.
+        """
+        values = finite_array("pressure", pressure)
+        field = self._read_gravity(gravity)
+        adhere = self.springs.adhere
+        if np.any(values < 0.0) and not adhere:
+            what = f"pressure is {brief(values.tolist())}: tensile"
+            raise InputError(message(what, "One-sided contacts carry no tension", "Give a pressure above zero"))
+        if field is None and np.any(values == 0.0) and not adhere:
+            why = "Balls that only touch have no stiffness, and carry no sound"
+            raise InputError(message("pressure is zero", why, "Press them, or give gravity and a floor"))
+        return self._solve_each(
+            values, lambda one: self._push_hydrostatic(one, field, f"a pressure of {one:g}"), finite_overlap
+        )
+
+    def at_force(
+        self, force: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+    ) -> CrystalState:
+        """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
+
+        The mean is that over the contacts that carry a load. ``gravity`` and ``finite_overlap``, and the errors, are those
+        of :meth:`at_pressure`.
+        """
+        return self._at_mean("force", force, gravity, finite_overlap)
+
+    def at_overlap(
+        self, overlap: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+    ) -> CrystalState:
+        """Return the state at rest under that hydrostatic pressure at which contacts have the mean ``overlap``, m.
+
+        The mean is that over the contacts that carry a load. ``gravity`` and ``finite_overlap``, and the errors, are those
+        of :meth:`at_pressure`.
+        """
+        return self._at_mean("overlap", overlap, gravity, finite_overlap)
+
+    def at_stress(
+        self, stress: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+    ) -> CrystalState:
+        """Return the state at rest under a stress; tension is positive.
+
+        Parameters
+        ----------
+        stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz, xz, xy; or an array of
+            these. Pa in space, N/m in the plane, N on a line. Of what was cut it is that along the periods that are left,
+            and the faces are not pressed.
+        gravity : (d,) m/s^2, of a crystal that stands on a floor or clamp.
+        finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
+
+        Raises
+        ------
+        InputError : an array of another shape; a stress that contacts cannot bear, because they only push along the lines of
+            their centres.
+        ConvergenceError, InstabilityError : the crystal does not come to rest.
+        """
+        values = self._read_tensor("stress", stress, 1.0)
+        field = self._read_gravity(gravity)
+
+        def push(one: Array) -> Push:
+            frame, _, _ = self._frame
+            force, pressed = self._weigh(field), np.zeros(frame.motion.shape[1])
+            force[frame.strains] += frame.work_of(one)
+            still = np.zeros(len(force), bool)
+            unit = ("", "N", "N/m", "Pa")[self.periods]
+            words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
+            return Push(force, still, np.zeros(len(force)), one, pressed, words)
+
+        return self._solve_each(values, push, finite_overlap, 2)
+
+    def at_strain(
+        self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+    ) -> CrystalState:
+        """Return the state at rest of a crystal whose periods are strained; extension is positive.
+
+        Parameters
+        ----------
+        strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,) for xx, yy, zz, 2yz,
+        2xz,
+            2xy; or an array of these. It is measured from the cell in which balls only touch.
+        gravity, finite_overlap : see :meth:`at_stress`.
+
+        Raises
+        ------
+        InputError : an array of another shape; a strain that opens all contacts.
+        ConvergenceError, InstabilityError : the crystal does not come to rest.
+        """
+        values = self._read_tensor("strain", strain, 0.5)
+        field = self._read_gravity(gravity)
+
+        def push(one: Array) -> Push:
+            frame, _, _ = self._frame
+            force = self._weigh(field)
+            held, given = np.zeros(len(force), bool), np.zeros(len(force))
+            held[frame.strains] = True
+            given[frame.strains] = [one[a, b] * frame.length for a, b in frame.pairs]
+            return Push(force, held, given, None, np.zeros(len(force)), f"the strain {brief(one.tolist())}")
+
+        return self._solve_each(values, push, finite_overlap, 2)
+
+    def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
+        """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
+        given, p = finite_array(name, values), self.periods
+        if not p:
+            raise InputError(
+                message(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
+            )
+        voigt = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}[p]
+        if p == 1 and given.ndim == 0:
+            given = given[None]
+        if given.shape[-2:] == (p, p):
+            if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > 1e-12 * np.max(np.abs(given))):
+                raise InputError(message(f"{name} is not symmetric", mend="Give a symmetric matrix"))
+            return given
+        if given.shape[-1:] != (len(voigt),):
+            what = f"{name} has the shape {given.shape}"
+            raise InputError(message(what, mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these"))
+        out = np.zeros((*given.shape[:-1], p, p))
+        for number, (a, b) in enumerate(voigt):
+            out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
+        return out
+
+    def _read_gravity(self, gravity: ArrayLike | None) -> Array | None:
+        """Return the acceleration (d,) of gravity; None without it. :class:`InputError` if nothing holds the balls."""
+        if gravity is None:
+            return None
+        field, d, p = finite_array("gravity", gravity), self.dimension, self.periods
+        field = field[None] if d == 1 and field.ndim == 0 else field
+        if field.shape != (d,):
+            what = f"gravity has the shape {field.shape}"
+            raise InputError(message(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"))
+        if not np.any(field):
+            return None
+        across = np.abs(field) > 1e-12 * np.max(np.abs(field))
+        walls = {face.axis for face in self.faces if any(word != "free" for word in face.edges)}
+        for axis in np.flatnonzero(across).tolist():
+            if axis < p or (axis not in walls and not any("clamped" in face.edges for face in self.faces)):
+                where = "repeats" if axis < p else "stands on nothing"
+                what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
+                mend = 'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
+                raise InputError(message(what, "Nothing holds the balls there", mend))
+        return np.asarray(field)
+
+    def _weigh(self, field: Array | None) -> Array:
+        """Return the forces (N,) of gravity on the unknowns of the statics."""
+        frame, place, _ = self._frame
+        out = np.zeros(frame.motion.shape[1])
+        if field is not None:
+            free = place >= 0
+            out[: frame.n_free] = (self.masses[free, None] * field).ravel()
+        return out
+
+    def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
+        frame, place, _ = self._frame
+        force = self._weigh(field)
+        pressed, held, given = np.zeros(len(force)), np.zeros(len(force), bool), np.zeros(len(force))
+        held[frame.strains] = field is not None
+        p, d = self.periods, self.dimension
+        stress = None if field is not None else -pressure * np.eye(p) * math.prod(face.thickness for face in self.faces)
+        if stress is not None:
+            force[frame.strains] += frame.work_of(stress)
+        wall = frame.strains.stop
+        for face in self.faces:
+            others = math.prod(one.thickness for one in self.faces if one is not face)
+            push: float = pressure * frame.measure * others
+            low, high = face.edges
+            if low != "free" and high != "free":
+                pressed[wall] -= push
+                wall += 1
+                continue
+            for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
+                if word == "free":
+                    moves = place[at] >= 0
+                    pressed[d * place[at[moves]] + face.axis] -= side * push / max(int(np.count_nonzero(moves)), 1)
+        unit = ("N", "N", "N/m", "Pa")[p + len(self.faces)]
+        if field is not None:
+            words += f" {unit} with gravity"
+        else:
+            words += f" {unit}"
+        return Push(force + pressed, held, given, stress, pressed, words)
+
+    def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
+        """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
+        given, field = finite_array(kind, values), self._read_gravity(gravity)
+        if np.any(given <= 0.0) and not self.springs.adhere:
+            word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
+            raise InputError(message(f"{kind} is {word}", "One-sided contacts carry no tension", f"Give {kind} above zero"))
+        follows = read_finite_overlap(finite_overlap)
+        frame, springs = self._frame[0], self.springs
+        return self._stack(
+            given, [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()], 0, follows
+        )
+
+    def _find_mean(
+        self, kind: str, goal: float, field: Array | None, follows: bool, frame: Frame, springs: Springs
+    ) -> tuple[Rest, Push]:
+        words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
+        size = goal
+        if kind == "overlap":
+            size = float(np.mean(springs.force(np.full(springs.count, goal))))
+        # the pressure of a contact force, from the virial; of a column, that force
+        area = frame.measure * math.prod(face.thickness for face in self.faces)
+        dimension = self.periods + len(self.faces)
+        pressure = size * float(np.sum(frame.distance)) / (dimension * area) if dimension else 0.0
+        if not dimension:
+            raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
+        low, high = 0.0, math.inf
+        start: Rest | None = None
+        last = math.inf
+        for _ in range(_MEANS):
+            push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
+            rest = settle(frame, springs, push, start)
+            if follows:
+                rest = settle_exactly(frame, springs, push, rest)
+            force = springs.force(rest.overlap)
+            loaded = force != 0.0
+            mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
+            off = mean / goal - 1.0
+            if abs(off) <= _MEAN or (abs(off) <= 1e-13 and abs(off) >= last):
+                return rest, push
+            last = abs(off)
+            low, high = (pressure, high) if off < 0.0 else (low, pressure)
+            # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
+            stiffness = springs.stiffness(rest.overlap)
+            power = float(np.mean(force[loaded]) / np.mean((stiffness * rest.overlap)[loaded]))
+            grow = goal / mean if mean / goal > 0.0 else 2.0
+            new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
+            factor = grow**power if kind == "force" else grow
+            start = Rest(factor * rest.x, factor * rest.overlap, rest.normal)
+            pressure = new if low < new < high else 0.5 * (low + min(high, 2.0 * pressure))
+            if pressure in (low, high):
+                break
+        what = f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any pressure"
+        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + (
+            ", as gravity presses more" if field is not None else ""
+        )
+        raise InputError(message(what, why, "Give a larger one" if field is not None else ""))
+
+    def _solve_each(self, values: Array, make: Any, finite_overlap: bool | None, rank: int = 0) -> CrystalState:
+        """Return the state at each load: ``make`` makes the load of a value, or of a tensor of ``rank`` 2."""
+        follows = read_finite_overlap(finite_overlap)
+        frame, springs = self._frame[0], self.springs
+        found = []
+        flat = values.reshape(-1, *values.shape[values.ndim - rank :]) if rank else values.ravel()
+        for one in flat:
+            push = make(one if rank else float(one))
+            rest = settle(frame, springs, push)
+            found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
+        return self._stack(values, found, rank, follows)
+
+    def _stack(self, values: Array, found: Sequence[tuple[Rest, Push]], rank: int, follows: bool) -> CrystalState:
+        """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes are those of one."""
+        frame, place, rider = self._frame
+        lead = values.shape[: values.ndim - rank]
+        d, p, springs = self.dimension, self.periods, self.springs
+        moved = np.zeros((len(found), self.n_balls, d))
+        ways = np.zeros((len(found), len(frame.walls)))
+        strain, stress = np.zeros((2, len(found), p, p))
+        for at, (rest, _) in enumerate(found):
+            moved[at, place >= 0] = rest.x[: frame.n_free].reshape(-1, d)
+            ways[at] = rest.x[frame.strains.stop :]
+            strain[at] = frame.strain(rest.x)
+            force = springs.force(rest.overlap)
+            if p:
+                deformed = np.eye(p) + strain[at] if follows else np.eye(p)
+                virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
+                virial = virial @ deformed.T
+                stress[at] = -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
+        for number, face in enumerate(self.faces):
+            if all(word != "free" for word in face.edges):
+                for at in range(len(found)):
+                    riding = (rider >= 0) & (rider == sum(all(w != "free" for w in f.edges) for f in self.faces[:number]))
+                    moved[at, riding, face.axis] = ways[at, rider[riding][0]] if np.any(riding) else 0.0
+        overlap = np.array([rest.overlap for rest, _ in found])
+        force = np.array([springs.force(one) for one in overlap])
+        stiffness = np.array([springs.stiffness(one) for one in overlap])
+        normal = np.array([rest.normal for rest, _ in found])
+
+        fields = zip(_PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True)
+        shaped: dict[str, Any] = {name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in fields}
+        return CrystalState(self, **shaped, finite_overlap=follows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CrystalState:
+    """The contacts of a crystal under load, as its methods ``at_...`` return it.
+
+    Attributes
+    ----------
+    crystal : the :class:`~granphon.Crystal`.
+    normal_force : (..., n_c) forces of the contacts, N, those with floors last; 0 where a contact is open, below 0 where it
+        adheres. "..." is the shape of the load.
+    overlap : (..., n_c) m; zero or below of an open contact.
+    normal_stiffness : (..., n_c) N/m; 0 where a contact is open.
+    normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor.
+    displacements : (..., n, d) of the balls from where they touch, beside the strain of the cell, m.
+    stress : (..., p, p) Pa, N/m or N along three, two or one periods; tension is positive. With finite overlap it is
+        Cauchy's.
+    strain : (..., p, p) of the periods, from where balls only touch; extension is positive.
+    ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m.
+    finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has the places at which
+    balls
+        touch, which drops terms of relative order delta/d.
+    """
+
+    crystal: Crystal
+    normal_force: Array
+    overlap: Array
+    normal_stiffness: Array
+    normal: Array
+    displacements: Array
+    stress: Array
+    strain: Array
+    ways: Array
+    finite_overlap: bool = False
+
+    def __getitem__(self, index: Any) -> CrystalState:
+        """Return the state at some of the loads, indexed like an array."""
+        if self.is_single:
+            raise InputError(message("the state has one load, and no index", mend="Use it as it is"))
+        count, axes = int(np.prod(self.shape)), len(self.shape)
+        where = np.arange(count).reshape(self.shape)[index]
+        chosen: dict[str, Any] = {}
+        for name in _PER_LOAD:
+            array = getattr(self, name)
+            chosen[name] = read_only(array.reshape(count, *array.shape[axes:])[where])
+        return replace(self, **chosen)
+
+    def __repr__(self) -> str:
+        forces = self.normal_force
+        what = f"{np.min(forces):.6g} to {np.max(forces):.6g} N"
+        return f"CrystalState({self.crystal!r}, normal_force={what}, shape={self.shape})"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the load; () for a single one."""
+        return self.normal_force.shape[:-1]
+
+    @property
+    def is_single(self) -> bool:
+        """Whether this is the state at one load."""
+        return self.shape == ()
+
+    @property
+    def shear_stiffness(self) -> Array:
+        """(..., n_c) kappa, N/m: 4 G*/E* times the normal stiffness; zero without friction."""
+        return self.normal_stiffness * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+
+    @property
+    def torsion_stiffness(self) -> Array:
+        """(..., n_c) stiffness against twist, N m."""
+        crystal, k = self.crystal, self.normal_stiffness
+        if crystal.torsion == MINDLIN:
+            modulus, _, _, twist = crystal._constants
+            return np.asarray(twist * (k / (2.0 * modulus)) ** 3)
+        return np.asarray(float(crystal.torsion) * k * crystal._frame[0].distance ** 2)
+
+    @property
+    def bending_stiffness(self) -> Array:
+        """(..., n_c) stiffness against rolling, N m."""
+        return np.asarray(self.crystal.bending * self.normal_stiffness * self.crystal._frame[0].distance ** 2)
+
+    @property
+    def contact_radius(self) -> Array:
+        """(..., n_c) radius of the contact that belongs to the stiffness, k/2E*, m."""
+        return np.asarray(self.normal_stiffness / (2.0 * self.crystal._constants[0]))
+
+    @property
+    def scales(self) -> Units:
+        """Reduced units at one load: the mean diameter, the mean stiffness of contacts that have one, and the mean mass.
+
+        Raises :class:`~granphon.base.errors.InputError` for several loads.
+        """
+        self._require_single()
+        k = self.normal_stiffness
+        crystal = self.crystal
+        return Units(2.0 * float(np.mean(crystal.radii)), float(np.mean(k[k > 0.0])), float(np.mean(crystal.masses)))
+
+    def _require_single(self) -> None:
+        if not self.is_single:
+            raise InputError(
+                message(
+                    f"the state holds {int(np.prod(self.shape))} loads",
+                    "A network, atoms and phonons belong to one",
+                    "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]",
+                )
+            )
+
+    @cached_property
+    def _checks(self) -> list[tuple[str, str, Array]]:
+        """What limits the state: a reason, where it is, and whether it is met at each load."""
+        crystal, table = self.crystal, self.crystal.contacts
+        small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal.radii[at] for _, _, at in crystal._floors)])
+        ratio = np.max(self.contact_radius / small, axis=-1)
+        out = [
+            (
+                f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
+                f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot",
+                "contact_radius", np.asarray(ratio <= MOST_CONTACT_RADIUS),
+            )
+        ]  # fmt: skip
+        over = np.all(self.overlap <= crystal.springs.most, axis=-1)
+        out.append(
+            ("an overlap is beyond the table of its contact law, which goes on as a power", "table", np.asarray(over))
+        )
+        strengths = [one.material.yield_strength for one in crystal.kinds]
+        if any(strengths):
+            yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
+            weak = np.concatenate(
+                [np.minimum(yields[table.i], yields[table.j]), *(yields[at] for _, _, at in crystal._floors)]
+            )
+            area = math.pi * self.contact_radius**2
+            mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
+            part = np.max(mean / weak, axis=-1)
+            said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
+            out.append((f"{said}: it yields from {_YIELD} on", "yield", np.asarray(part <= _YIELD)))
+        return out
+
+    @property
+    def valid(self) -> Any:
+        """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
+
+        The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
+        yield strength, if that is given, and the overlap within the table of a tabulated law.
+        """
+        met = np.all([fine for _, _, fine in self._checks], axis=0)
+        return bool(met) if self.is_single else np.asarray(met)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful about the state, in words; empty if nothing is."""
+        return tuple(said for said, _, fine in self._checks if not np.all(fine))
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
+
+        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Raises
+        :class:`~granphon.base.errors.InputError` for several loads.
+        """
+        self._require_single()
+        crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
+        n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
+        floors = crystal._floors
+        deformed = np.eye(d)
+        deformed[:p, :p] += self.strain if follows else 0.0
+        places = crystal.positions @ deformed.T + (self.displacements if follows else 0.0)
+        held = np.zeros(n, bool)
+        for face in crystal.faces:
+            for word, at in zip(face.edges, face.balls, strict=True):
+                held[at] |= word == "clamped"
+        extra = len(floors)
+        positions, cell = np.zeros((n + extra, 3)), np.zeros((3, 3))
+        positions[:n, :d], cell[:p, :d] = places, crystal.cell @ deformed.T
+        masses = np.append(np.where(held, np.inf, crystal.masses), np.full(extra, np.inf))
+        inertias = np.append(np.array([one.inertia for one in crystal.kinds])[crystal.kind], np.full(extra, np.inf))
+        radii = np.append(crystal.radii, np.full(extra, np.inf))
+        i, j, arm_i, arm_j = [table.i], [table.j], [table.arm_i], [table.arm_j]
+        for number, (axis, side, at) in enumerate(floors):
+            i.append(at)
+            j.append(np.full(len(at), n + number))
+            arm_i.append(crystal.radii[at])
+            arm_j.append(np.zeros(len(at)))
+            positions[n + number, axis] = np.mean(positions[at, axis] + side * crystal.radii[at])
+        ends = np.concatenate(i), np.concatenate(j)
+        shift, normal = np.zeros((crystal.n_contacts, 3), np.intp), np.zeros((crystal.n_contacts, 3))
+        shift[: len(table), :p], normal[:, :d] = table.shift, self.normal
+        half = 0.5 * self.overlap if follows else 0.0
+        still = np.isinf(masses)
+        kept = (self.normal_stiffness > 0.0) & ~(still[ends[0]] & still[ends[1]])
+        allowed = allowed_motions(d)
+        fields = {
+            "i": ends[0], "j": ends[1], "shift": shift, "normal": normal, "normal_force": self.normal_force,
+            "normal_stiffness": self.normal_stiffness, "shear_stiffness": self.shear_stiffness,
+            "torsion_stiffness": self.torsion_stiffness, "bending_stiffness": self.bending_stiffness,
+            "arm_i": np.concatenate(arm_i) - half, "arm_j": np.concatenate(arm_j) - half,
+        }  # fmt: skip
+        own = {name: values[kept] for name, values in fields.items()}
+        if follows:  # its statics are those of normal forces alone
+            own["tangential_force"] = np.zeros((np.count_nonzero(kept), 3))
+        return ContactNetwork(
+            cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
+            motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows, **own,
+        )  # fmt: skip
+
+
+def _both(face: Faces, change: Any) -> tuple[Index, Index]:
+    return read_only(change(face.balls[0])), read_only(change(face.balls[1]))
+
+
+def _find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
+    """Return the different balls in the order in which they come, and the number of the kind of each."""
+    if not balls:
+        raise InputError(message("there are no balls", mend="Give a list of granphon.Ball"))
+    of_object: dict[int, int] = {}
+    kinds: dict[Ball, int] = {}
+    out = []
+    for ball in balls:
+        at = of_object.get(id(ball))
+        if at is None:
+            if not isinstance(ball, Ball):
+                raise InputError(message(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site"))
+            at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
+        out.append(at)
+    return tuple(kinds), np.array(out, np.intp)
+
+
+def _name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
+    """Return the name of each kind: that which is known or its own, or the next of the letters A, B, C, ..."""
+    names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
+    taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
+    letters = (
+        "".join(one) for size in itertools.count(1) for one in itertools.product("ABCDEFGHIJKLMNOPQRSTUVWXYZ", repeat=size)
+    )
+    free = (one for one in letters if one not in taken)
+    found = tuple(names[ball] or next(free) for ball in kinds)
+    if len(set(found)) < len(found) or RIGID_PLANE.name in found:
+        twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
+        raise InputError(message(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently"))
+    return found
+
+
+def _find_structure(name: str | Lattice) -> Lattice:
+    """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
+    key = name.lower() if isinstance(name, str) else ""
+    edge = {"nacl": 2.0, "cscl": 2.0 / math.sqrt(3.0)}.get(key)
+    if edge is not None:
+        steps = LATTICES["fcc"].vectors / np.max(LATTICES["fcc"].vectors) * 0.5 if key == "nacl" else np.eye(3)
+        cell = tuple(map(tuple, (edge * steps).tolist()))
+        return Lattice({"nacl": "NaCl", "cscl": "CsCl"}[key], cell, ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
+    if key == "zincblende":
+        return Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)
+    if isinstance(name, Lattice) or (isinstance(name, str) and name in LATTICES):
+        return find_lattice(name)
+    mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
+    raise InputError(message(f"unknown lattice {brief(name)}", mend=mend))
+
+
+def _layer_basis(axis: Any, periods: int, cell: Array) -> NDArray[np.intp]:
+    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
+    if not periods:
+        raise InputError(message("the crystal has no period across which it could be cut"))
+    whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
+    basis = np.eye(periods, dtype=np.intp)
+    if whole and 0 <= axis < periods:
+        return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
+    given = np.asarray(axis)
+    if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > 100:
+        what = f"axis is {brief(axis)}"
+        indices = counted(periods, "Miller index", "Miller indices")
+        raise InputError(message(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"))
+    # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
+    value = (given // np.gcd.reduce(given)).astype(np.intp)
+    while np.count_nonzero(value) > 1:
+        least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
+        for other in np.flatnonzero(value):
+            if other != least:
+                times = int(np.rint(value[other] / value[least]))
+                value[other] -= times * value[least]
+                basis[other] -= times * basis[least]
+    last = int(np.flatnonzero(value)[0])
+    stack = basis[last] * int(np.sign(value[last]))
+    inner = np.delete(basis, last, axis=0)
+    # the shortest vectors within the plane, and the most upright one across it
+    for _ in range(100):
+        before = inner.copy()
+        if len(inner) == 2:
+            inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
+            short = inner[0] @ cell
+            inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
+        if np.array_equal(before, inner):
+            break
+    if len(inner):
+        stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
+    return np.concatenate([inner, stack[None]])

@@ -1,0 +1,115 @@
+"""A network of contacts as the state of what repeats without end: the cell of a crystal, a ribbon, a sample's own cell."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.errors import InputError, brief, message
+from granphon.base.scales import Units
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.tensors import is_cubic
+from granphon.media.state import ContactState, State
+from granphon.networks.network import ContactNetwork, given_network
+
+Array = NDArray[np.float64]
+
+
+class NetworkState(State):
+    """The state that a network with periods is: its contacts, with a stiffness and a force for each.
+
+    Lengths, stiffnesses and masses are in the reduced units of the network, :attr:`ContactNetwork.scales`.
+
+    Parameters
+    ----------
+    network : it repeats along one, two or three axes.
+    warnings : what those who made it say of its limits, one sentence each; None for what the network itself shows.
+    """
+
+    name = "network"
+    shape = ()
+    has_one_lattice = True
+
+    def __init__(self, network: ContactNetwork, warnings: tuple[str, ...] | None = None) -> None:
+        self.network, self.warnings = network, warnings
+        self._lattice = ContactLattice.from_network(network)
+
+    def contact_lattice(self) -> ContactLattice:
+        """Return the lattice of contacts, in reduced units."""
+        return self._lattice
+
+    @property
+    def reference_lattice(self) -> ContactLattice:
+        """The lattice of contacts, in reduced units."""
+        return self._lattice
+
+    @property
+    def scales(self) -> Units:
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units."""
+        return self.network.scales
+
+    @property
+    def length(self) -> float:
+        """Unit of length, m."""
+        return self.scales.length
+
+    @property
+    def velocity_scale(self) -> Array:
+        """Unit of velocity, m/s."""
+        return np.asarray(self.scales.velocity)
+
+    @cached_property
+    def elastic_tensor(self) -> Array:
+        """Elastic tensor of the periods in Voigt order, (n, n), with inner motions relaxed.
+
+        It is in N where the network repeats along a line, whatever its width; in Pa where it does so in a plane, the force
+        per length over one diameter, however thick the network is; in Pa in space.
+        """
+        unit = {1: self.scales.force, 2: self.scales.modulus, 3: self.scales.modulus}[self._lattice.periods]
+        return unit * self._lattice.elastic_tensor()
+
+    @property
+    def has_cubic_axes(self) -> bool:
+        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to rounding."""
+        return is_cubic(self.elastic_tensor)
+
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities, m/s, and unit displacements of long waves, see :meth:`State.polarised_waves`."""
+        velocities, vectors = self._lattice.sound_velocities(direction)
+        return velocities * self.scales.velocity, vectors
+
+    @property
+    def twist_velocity(self) -> float | None:
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
+        lattice = self._lattice
+        if not lattice.runs_twist:
+            return None
+        torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
+        if not np.all(torsion):
+            return 0.0
+        # a cell of springs in a row, and of moments of inertia
+        inertia = float(lattice.masses @ lattice.gyration**2)
+        return float(lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * self.scales.velocity)
+
+
+def as_state(source: Any) -> State:
+    """Return ``source``, the argument of a public call, as a state: itself, or that of its network.
+
+    Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a network without periods.
+    """
+    if isinstance(source, State):
+        return source
+    warnings = getattr(source, "warnings", None)
+    return NetworkState(given_network(source), None if warnings is None else tuple(warnings))
+
+
+def given_state(state: Any) -> ContactState:
+    """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not a ContactState."""
+    if not isinstance(state, ContactState):
+        why = "It needs the contact law of a packing" if isinstance(state, NetworkState | ContactNetwork) else ""
+        mend = "Give a ContactState, as medium.at_force gives it"
+        raise InputError(message(f"state is {brief(getattr(state, 'network', state))}", why, mend))
+    return state

@@ -1,0 +1,237 @@
+"""Balls, the constants of two that touch, and contact laws: closed forms, derivatives, and laws of users."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.balls.ball import RIGID_PLANE, ContactConstants
+from granphon.balls.contact_laws import check_law, law_between
+from granphon.base.errors import InputError
+
+STEEL, ALUMINIUM = gp.Material(193e9, 0.30, 8000.0), gp.Material(73.5e9, 0.33, 2700.0)
+S, A = gp.Ball(STEEL, 19.05e-3, mass=28.84e-3), gp.Ball(ALUMINIUM, 9e-3)
+GEL = gp.Ball(gp.Material(1e6, 0.49, 1100.0), 2e-3)
+
+materials = st.builds(gp.Material, st.floats(4.0, 12.0).map(lambda x: 10.0**x), st.floats(-0.9, 0.5), st.floats(1e2, 1e4))
+balls = st.builds(gp.Ball, materials, st.floats(-6.0, 1.0).map(lambda x: 10.0**x))
+
+
+# -- balls ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_ball_is_solid_unless_it_is_said_otherwise():
+    ball = gp.Ball(STEEL, 8e-3)
+    assert_allclose(ball.mass, 8000.0 * math.pi / 6 * 8e-3**3, rtol=1e-15)
+    assert_allclose(ball.inertia, 0.4 * ball.mass * 4e-3**2, rtol=1e-15)
+    assert S.mass == 28.84e-3
+    assert_allclose(S.inertia, 0.4 * 28.84e-3 * (19.05e-3 / 2) ** 2, rtol=1e-15)
+    assert gp.Ball(STEEL, 8e-3, inertia=1e-9).inertia == 1e-9
+    assert replace(ball, name="S").name == "S"
+    assert hash(ball) == hash(gp.Ball(STEEL, 8e-3))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"diameter": 0.0}, "diameter: found 0.0; allowed: a finite number above zero, m"),
+        ({"mass": -1.0}, "mass: found -1.0"),
+        ({"inertia": 1.0}, "inertia is 1 kg m.2. That of a shell"),
+        ({"material": "steel"}, "Give a granphon.Material"),
+        ({"name": "=A"}, "the name of a ball"),
+    ],
+)
+def test_no_ball(change, said):
+    with pytest.raises(InputError, match=said):
+        gp.Ball(**{"material": STEEL, "diameter": 8e-3} | change)
+
+
+@given(balls, balls)
+def test_constants_of_a_pair_are_those_of_johnson(one, other):
+    with mpmath.workdps(40):
+        e1, e2, n1, n2, r1, r2 = (
+            mpmath.mpf(x) for x in (
+                one.material.young_modulus, other.material.young_modulus, one.material.poisson_ratio,
+                other.material.poisson_ratio, one.radius, other.radius,
+            )
+        )  # fmt: skip
+        g1, g2 = e1 / (2 * (1 + n1)), e2 / (2 * (1 + n2))
+        star = 1 / ((1 - n1**2) / e1 + (1 - n2**2) / e2)
+        shear = 1 / ((2 - n1) / g1 + (2 - n2) / g2)
+        wanted = star, 1 / (1 / r1 + 1 / r2), 4 * shear / star, mpmath.mpf(16) / 3 / (1 / g1 + 1 / g2)
+        found, mirrored = ContactConstants.of(one, other), ContactConstants.of(other, one)
+        assert all(abs(a / b - 1) < 3e-15 for a, b in zip(found, wanted, strict=True))
+    assert_allclose(found, mirrored, rtol=1e-15)
+
+
+@given(balls)
+def test_equal_balls_have_the_constants_of_a_packing(ball):
+    found, law = ContactConstants.of(ball, ball), gp.HertzLaw.between(ball.material, ball.diameter)
+    assert_allclose(found.mindlin_ratio, ball.material.mindlin_ratio, rtol=1e-14)
+    assert_allclose(gp.Hertz().between(ball, ball).coefficient, law.coefficient, rtol=1e-14)
+    # a floor is a rigid ball of infinite size: half the compliance, twice the radius of equal balls
+    floor = ContactConstants.of(ball, RIGID_PLANE)
+    assert_allclose(floor[:3], [2 * found[0], 2 * found[1], found[2]], rtol=1e-14)
+
+
+def test_two_rigid_planes_make_no_contact():
+    with pytest.raises(InputError, match="make no elastic contact"):
+        ContactConstants.of(RIGID_PLANE, RIGID_PLANE)
+
+
+# -- laws -------------------------------------------------------------------------------------------------------------
+
+TABLE = np.geomspace(1e-9, 1e-4, 11)
+LAWS = {
+    "hertz": gp.Hertz().between(S, A),
+    "spring": gp.PowerLaw(1.0, 3e6).between(S, A),
+    "cone": gp.PowerLaw(2.0, 1e11).between(S, A),
+    "dmt": gp.DMT(0.05).between(GEL, GEL),
+    "jkr": gp.JKR(0.05).between(GEL, GEL),
+    "stiff jkr": gp.JKR(1e-9).between(S, A),
+    "table": gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5 * (1.0 + 0.2 * np.sin(np.log(TABLE)))),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("size", [3e-9, 1.3e-7, 7e-6, 4e-4])
+def test_force_and_stiffness_are_derivatives(name, size):
+    law = LAWS[name]
+    h = 1e-5 * size
+
+    def slope(of):
+        # of five points: exact for quartics
+        low2, low, high, high2 = (of(size + n * h) for n in (-2, -1, 1, 2))
+        return (low2 - 8 * low + 8 * high - high2) / (12 * h)
+
+    # round-off of a difference is that of the larger number over the step
+    for of, told in ((law.energy, law.force), (law.force, law.stiffness), (law.stiffness, law.stiffness_slope)):
+        noise = 1e-10 * abs(of(size)) / size
+        assert abs(slope(of) - told(size)) <= 1e-9 * abs(told(size)) + noise
+    assert_allclose(law.overlap(law.force(size)), size, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_take_arrays_and_return_floats_for_floats(name):
+    law = LAWS[name]
+    for method in (law.force, law.stiffness, law.stiffness_slope, law.energy, law.overlap):
+        assert isinstance(method(1e-6), float)
+        assert_allclose(method(np.full((2, 3), 1e-6)), np.full((2, 3), method(1e-6)), rtol=1e-14)
+    apart = law.least_overlap - 1e-9
+    assert law.force(apart) == law.stiffness(apart) == law.stiffness_slope(apart) == law.energy(apart) == 0.0
+
+
+@given(st.floats(-3.0, 8.0), st.floats(-6.0, 1.0))
+def test_jkr_is_that_of_its_contact_radius(modulus, adhesion):
+    ball, w = gp.Ball(gp.Material(10.0 ** (modulus + 3.0), 0.4, 1e3), 3e-3), 10.0**adhesion
+    law, constants = gp.JKR(w).between(ball, ball), ContactConstants.of(ball, ball)
+    star, r = constants.modulus, constants.radius
+    # a(f), delta(a) as in the paper of 1971, and k = df/da / d(delta)/da
+    least = 1.5 * math.pi * w * r
+    for force in least * np.array([-0.999, -0.5, 0.0, 2.0, 1e3]):
+        reach = 3 * math.pi * w * r
+        a = (3 * r / (4 * star) * (force + reach + math.sqrt(2 * reach * force + reach**2))) ** (1 / 3)
+        delta = a**2 / r - math.sqrt(2 * math.pi * w * a / star)
+        assert_allclose(law.overlap(force), delta, rtol=1e-12, atol=1e-13 * a**2 / r)
+        assert_allclose(law.force(law.overlap(force)), force, rtol=1e-11, atol=1e-11 * least)
+        root = math.sqrt(2 * math.pi * w * star)
+        rise, run = 4 * star * a**2 / r - 3 * root * math.sqrt(a), 2 * a / r - 0.5 * root / star / math.sqrt(a)
+        assert_allclose(law.stiffness(delta), rise / run, rtol=1e-9)
+        if force == 0.0:
+            assert_allclose(law.stiffness(delta), 0.6 * 2 * star * a, rtol=1e-12)
+    assert_allclose(law.force(law.least_overlap), -least, rtol=1e-12)
+    assert law.stiffness(law.least_overlap) <= 1e-6 * law.stiffness(law.overlap(0.0))
+    assert law.force(law.least_overlap * 1.001) == 0.0
+    with pytest.raises(InputError, match="pulled by more than"):
+        law.overlap(-1.001 * least)
+
+
+def test_dmt_is_hertz_with_a_tension_and_no_adhesion_is_hertz():
+    law, hertz = gp.DMT(0.05).between(GEL, GEL), gp.Hertz().between(GEL, GEL)
+    delta = np.array([0.0, 1e-8, 1e-5])
+    assert_allclose(law.force(delta), hertz.force(delta) - 2 * math.pi * 0.05 * 0.5e-3, rtol=1e-14)
+    assert gp.JKR(0.0).between(GEL, GEL) == gp.DMT(0.0).between(GEL, GEL).hertz == hertz
+    with pytest.raises(InputError, match="pulled by more than"):
+        law.overlap(-1.0)
+
+
+@given(st.floats(-13.0, -2.0))
+def test_a_tabulated_power_law_is_that_law(exponent):
+    delta, hertz = 10.0**exponent, gp.Hertz().between(S, A)
+    table = gp.TabulatedLaw([0.0, *TABLE], [0.0, *hertz.force(TABLE)])
+    assert table == gp.TabulatedLaw(TABLE, hertz.force(TABLE))
+    for method in ("force", "stiffness", "energy"):
+        assert_allclose(getattr(table, method)(delta), getattr(hertz, method)(delta), rtol=2e-13)
+    assert_allclose(table.stiffness_slope(delta), hertz.stiffness_slope(delta), rtol=1e-11)
+    assert_allclose(table.overlap(hertz.force(delta)), delta, rtol=2e-13)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: gp.PowerLaw(0.5, 1.0), "exponent is 0.5. Below 1 a contact is infinitely stiff"),
+        (lambda: gp.PowerLaw(1.5, 0.0), "coefficient: found 0.0"),
+        (lambda: gp.DMT(-1.0), "adhesion: found -1.0"),
+        (lambda: gp.JKR(math.nan), "adhesion: found nan"),
+        (lambda: gp.TabulatedLaw([1.0, 2.0], [1.0]), "Give two lists of one length"),
+        (lambda: gp.TabulatedLaw([1.0, 2.0, 2.0], [1.0, 2.0, 3.0]), "in its row 2. Both must be above zero"),
+        (lambda: gp.TabulatedLaw([0.0, 2.0], [0.0, 3.0]), "has 1 rows with a force"),
+        (lambda: gp.PowerLaw(1.5, 1.0).overlap(-1.0), "force of a contact is negative"),
+    ],
+)
+def test_no_law(make, said):
+    with pytest.raises(InputError, match=said):
+        make()
+
+
+class Quadratic:
+    """A user's law, f = c delta^2 + b delta^3."""
+
+    def __init__(self, **other):
+        self.other = other
+
+    def _find(self, name, overlap, *coefficients):
+        x = np.maximum(np.asarray(overlap, float), 0.0)
+        return self.other.get(name, 1.0) * sum(c * x**power for c, power in coefficients)
+
+    def energy(self, overlap):
+        return self._find("energy", overlap, (1e10 / 3, 3), (1e13 / 4, 4))
+
+    def force(self, overlap):
+        return self._find("force", overlap, (1e10, 2), (1e13, 3))
+
+    def stiffness(self, overlap):
+        return self._find("stiffness", overlap, (2e10, 1), (3e13, 2))
+
+    def stiffness_slope(self, overlap):
+        return self._find("stiffness_slope", overlap, (2e10, 0), (6e13, 1))
+
+    def overlap(self, force):
+        x = np.sqrt(np.asarray(force, float) / 1e10)
+        for _ in range(50):
+            x = x - (1e10 * x**2 + 1e13 * x**3 - force) / (2e10 * x + 3e13 * x**2)
+        return self.other.get("overlap", 1.0) * x
+
+
+def test_a_law_of_a_user_serves_if_its_methods_agree():
+    law = law_between(Quadratic(), S, A)
+    check_law(law, 5e-3)
+    for name in ("energy", "force", "stiffness", "stiffness_slope", "overlap"):
+        with pytest.raises(InputError, match=r"contact law Quadratic is .* at an overlap of"):
+            check_law(Quadratic(**{name: 1.01}), 5e-3)
+    with pytest.raises(InputError, match="does not rise"):
+        check_law(Quadratic(energy=-1.0, force=-1.0, stiffness=-1.0, stiffness_slope=-1.0), 5e-3)
+    half = type("Half", (), dict.fromkeys(("force", "energy", "overlap"), Quadratic.force))
+    with pytest.raises(InputError, match="has no method stiffness, stiffness_slope"):
+        law_between(half(), S, A)
+    flat = type("Flat", (Quadratic,), {"force": lambda self, overlap: 1.0})
+    with pytest.raises(InputError, match="Return an array of numbers of the same shape"):
+        check_law(flat(), 5e-3)

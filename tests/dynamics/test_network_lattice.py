@@ -1,0 +1,244 @@
+"""Contact lattices of networks: closed forms, a twin that shares no code, and the packings' own numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests.networks.twin import dynamical_matrix
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+#: axes of the motions, among (u_x, u_y, u_z, phi_x, phi_y, phi_z)
+AXES = {"longitudinal": [0], "in_plane": [0, 1, 5], "out_of_plane": [2, 3, 4], "all": [0, 1, 2, 3, 4, 5]}
+
+
+def random_network(name, shape, motions=None, seed=0, **more):
+    """An array of cells of a lattice with random masses, radii, inertias, arms and stiffnesses."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=name, motions=motions)).at_force(10.0)
+    network, rng = state.network.repeat(shape), np.random.default_rng(seed)
+    n, c, d = network.n_balls, network.n_contacts, 8e-3
+    masses, spring = network.masses * rng.uniform(0.3, 3.0, n), network.normal_stiffness * rng.uniform(0.2, 5.0, c)
+    return replace(
+        network, masses=masses, inertias=masses * d**2 * rng.uniform(0.05, 0.2, n), radii=0.5 * d * rng.uniform(0.9, 1.1, n),
+        normal_stiffness=spring, shear_stiffness=spring * rng.uniform(0.0, 1.3, c),
+        torsion_stiffness=spring * d**2 * rng.uniform(0.0, 0.1, c),
+        bending_stiffness=spring * d**2 * rng.uniform(0.0, 0.1, c),
+        arm_i=network.arm_i * rng.uniform(0.95, 1.05, c), arm_j=network.arm_j * rng.uniform(0.95, 1.05, c),
+        normal_force=network.normal_force * rng.uniform(0.1, 2.0, c), lattice=None, shape=None, **more,
+    )  # fmt: skip
+
+
+def ribbon(network, axis=3):
+    """The network without the contacts across the sides of all periods but one; of all for 3."""
+    open_axes = [one for one in range(3) if one != axis]
+    kept = ~np.any(network.shift[:, open_axes], axis=1)
+    fields = {name: getattr(network, name)[kept] for name in network.contact_fields}
+    return replace(network, pbc=tuple(one == axis for one in range(3)), lattice=None, shape=None, **fields)
+
+
+def hold(network, balls):
+    masses, inertias = network.masses.copy(), network.inertias.copy()
+    masses[balls] = inertias[balls] = np.inf
+    return replace(network, masses=masses, inertias=inertias)
+
+
+def turned(network, seed=1):
+    """The network turned in space, or in its plane."""
+    angle = np.random.default_rng(seed).uniform(0.0, 6.0, 3)
+    turn = np.eye(3)
+    for axis in range(3) if network.dimension == 3 else (2,):
+        a, b = (one for one in range(3) if one != axis)
+        one = np.eye(3)
+        one[[a, a, b, b], [a, b, a, b]] = np.cos(angle[axis]), -np.sin(angle[axis]), np.sin(angle[axis]), np.cos(angle[axis])
+        turn = one @ turn
+    names = ("cell", "positions", "normal")
+    return replace(network, **{name: getattr(network, name) @ turn.T for name in names})
+
+
+CASES = {
+    "chain": lambda: random_network("chain", (3,)),
+    "chain, all motions": lambda: random_network("chain", (3,), "all"),
+    "plane": lambda: random_network("triangular", (3, 2)),
+    "one ball": lambda: random_network("triangular", (1, 1), "all"),
+    "out of the plane": lambda: random_network("honeycomb", (2, 1), "out_of_plane"),
+    "plane, all motions": lambda: random_network("kagome", (1, 2), "all"),
+    "fcc": lambda: random_network("fcc", (2, 2, 1)),
+    "diamond": lambda: random_network("diamond", (1, 1, 1)),
+    "prestress": lambda: random_network("fcc", (2, 1, 1), prestress=True),
+    "ribbon along x": lambda: ribbon(random_network("triangular", (2, 3)), 0),
+    "ribbon along the second period": lambda: ribbon(random_network("honeycomb", (2, 3), "all"), 1),
+    "wire in space": lambda: ribbon(random_network("bcc", (2, 3, 2)), 2),
+    "turned ribbon": lambda: turned(ribbon(random_network("square", (3, 3)), 1)),
+    "turned wire": lambda: turned(ribbon(random_network("sc", (2, 2, 2)), 0)),
+    "one ball of two that is held": lambda: hold(random_network("honeycomb", (1, 1)), [1]),
+    "held": lambda: hold(random_network("triangular", (3, 3)), [0, 4]),
+    "held in space": lambda: hold(random_network("hcp", (2, 2, 1), prestress=True), [3]),
+    "ribbon on a wall": lambda: hold(ribbon(random_network("square", (1, 4), "all"), 0), [0]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_frequencies_are_those_of_forces_summed_one_by_one(case):
+    network = CASES[case]()
+    lattice, rng = gp.ContactLattice.from_network(network), np.random.default_rng(5)
+    fractions = rng.uniform(-0.5, 0.5, (3, lattice.periods))
+    periods = network.cell[list(network.pbc)]
+    scale = network.scales.angular_frequency
+    found = lattice.frequencies(lattice.wavevectors(fractions)) * scale
+    axes = AXES[network.motions]
+    for values, one in zip(found, fractions, strict=True):
+        q = 2.0 * np.pi * np.linalg.pinv(periods) @ one
+        matrix = dynamical_matrix(network, q)
+        kept = (6 * np.arange(len(matrix) // 6)[:, None] + axes).ravel()
+        wanted = np.linalg.eigvalsh(matrix[np.ix_(kept, kept)])
+        assert len(values) == len(wanted)
+        assert_allclose(values**2, wanted, rtol=0.0, atol=1e-12 * wanted[-1])
+
+
+# -- the numbers of packings --------------------------------------------------------------------------------------------
+
+PACKINGS = [
+    ("chain", {}), ("chain", {"motions": "all", "torsion": 0.1}), ("triangular", {}), ("triangular", {"friction": False}),
+    ("triangular", {"motions": "all", "torsion": 0.07, "bending": 0.03}), ("square", {}), ("honeycomb", {}),
+    ("kagome", {"motions": "out_of_plane"}), ("sc", {}), ("bcc", {}), ("fcc", {}), ("hcp", {"torsion": "mindlin"}),
+    ("diamond", {}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "options"), PACKINGS, ids=str)
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_the_network_of_a_state_has_the_numbers_of_its_lattice(name, options, finite_overlap):
+    if finite_overlap and options.get("motions"):
+        pytest.skip("flat layers buckle")
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=name, **options)).at_force(
+        10.0, finite_overlap=finite_overlap
+    )
+    own, found = state.contact_lattice(), gp.ContactLattice.from_network(state.network)
+    assert state.network.scales == state.scales
+    assert found.motions == own.motions
+    assert found.free_branches == own.free_branches
+    q = np.random.default_rng(1).uniform(-4.0, 4.0, (10, own.periods))
+    q[0] = 1e-9 * q[0]
+    q[1] = 0.0
+    one, two = own.frequencies(q), found.frequencies(q)
+    assert_allclose(two, one, rtol=1e-12, atol=1e-14 * np.max(one))
+    assert bool(found.mechanism) == bool(own.mechanism)
+    if not own.mechanism and not (finite_overlap and name in ("square", "chain")):
+        assert_allclose(found.sound_velocities(q[2:])[0], own.sound_velocities(q[2:])[0], rtol=1e-12, atol=1e-14)
+        if "longitudinal" in own.wave_names:
+            tensor = own.elastic_tensor()
+            assert_allclose(found.elastic_tensor(), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))
+
+
+@pytest.mark.parametrize(("name", "shape"), [("triangular", (3, 2)), ("fcc", (2, 1, 2)), ("chain", (5,))])
+def test_a_supercell_folds_the_bands_of_the_cell(name, shape):
+    cell = random_network(name, (1,) * len(shape))
+    one, many = gp.ContactLattice.from_network(cell), gp.ContactLattice.from_network(cell.repeat(shape))
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, len(shape))
+    steps = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
+    unit = one.frequencies(one.wavevectors((steps + q) / shape))
+    found = many.frequencies(many.wavevectors(q[None]))[0]
+    ratio = cell.repeat(shape).scales.frequency / cell.scales.frequency
+    assert_allclose(ratio * found, np.sort(unit.ravel()), rtol=1e-12, atol=1e-14)
+
+
+# -- closed forms -------------------------------------------------------------------------------------------------------
+
+
+def table_network(positions, cell, masses, contacts, normals, k, kappa=0.0, radius=0.5, force=1.0, **more):
+    """A network of balls of radius 1/2 in SI, from contacts (i, j, shift)."""
+    positions, cell = np.atleast_2d(np.asarray(positions, float)), np.asarray(cell, float)
+    n, i, j = len(positions), *(np.array([c[end] for c in contacts]) for end in (0, 1))
+    full, shift = np.zeros((n, 3)), np.array([c[2] for c in contacts])
+    full[:, : positions.shape[1]] = positions
+    whole, steps = np.zeros((3, 3)), np.zeros((len(i), 3), int)
+    whole[: len(cell), : cell.shape[1]] = cell
+    steps[:, : shift.shape[1]] = shift
+    normal = np.zeros((len(i), 3))
+    normal[:, : np.shape(normals)[1]] = normals
+    masses = np.broadcast_to(np.asarray(masses, float), n)
+    spring, half, none = np.broadcast_to(np.asarray(k, float), len(i)), np.full(len(i), 0.5), np.zeros(len(i))
+    return gp.ContactNetwork(
+        whole, tuple(axis < len(cell) for axis in range(3)), full, np.full(n, radius), masses, 0.1 * masses, i, j, steps,
+        normal, np.full(len(i), force), spring, np.broadcast_to(kappa, len(i)), none, none, half, half, **more,
+    )  # fmt: skip
+
+
+def test_a_diatomic_chain_has_the_band_edges_of_two_masses():
+    k, m1, m2 = 3.0, 1.0, 2.5
+    chain = table_network(
+        [[0.0], [1.0]], [[2.0]], [m1, m2], [(0, 1, [0]), (1, 0, [1])], [[1.0]] * 2, k, dimension=1, motions="longitudinal"
+    )
+    lattice, scale = gp.ContactLattice.from_network(chain), chain.scales.angular_frequency
+    at_gamma, at_edge = lattice.frequencies(lattice.wavevectors([[0.0], [0.5]])) * scale
+    assert_allclose(at_gamma, [0.0, np.sqrt(2.0 * k * (1.0 / m1 + 1.0 / m2))], rtol=1e-15)
+    assert_allclose(at_edge, np.sqrt([2.0 * k / m2, 2.0 * k / m1]), rtol=1e-14)
+    velocity = lattice.sound_velocities([1.0])[0] * chain.scales.velocity
+    assert_allclose(velocity, np.sqrt(2.0 * k / (m1 + m2)), rtol=1e-14)  # over the cell of length 2
+
+
+def rock_salt(k, kappa, masses):
+    """NaCl: each ball touches six of the other kind."""
+    cell = np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) * 1.0
+    steps = [np.linalg.solve(cell.T, s * np.eye(3)[a] - np.eye(3)[0]) for a in range(3) for s in (1, -1)]
+    contacts = [(0, 1, np.rint(step).astype(int)) for step in steps]
+    normals = [s * np.eye(3)[a] for a in range(3) for s in (1, -1)]
+    return table_network([[0, 0, 0], [1, 0, 0]], cell, masses, contacts, normals, k, kappa)
+
+
+def caesium_chloride(k, kappa, masses):
+    """CsCl: each ball touches eight of the other kind."""
+    signs = np.stack(np.meshgrid(*[[1, -1]] * 3), axis=-1).reshape(-1, 3)
+    side = 2.0 / np.sqrt(3.0)
+    contacts = [(0, 1, (sign - 1) // 2) for sign in signs]
+    return table_network([[0, 0, 0], [side / 2] * 3], side * np.eye(3), masses, contacts, signs / np.sqrt(3.0), k, kappa)
+
+
+@pytest.mark.parametrize("make", [rock_salt, caesium_chloride])
+def test_optic_modes_of_two_masses_at_gamma(make):
+    k, kappa, masses = 2.0, 1.4, (1.0, 3.7)
+    network = make(k, kappa, masses)
+    modes = gp.ContactLattice.from_network(network).modes([[0.0] * 3], (1.0, 0.0, 0.0))
+    squares = modes.frequencies[0] ** 2 * network.scales.angular_frequency**2
+    stiffness = 2 * k + 4 * kappa if make is rock_salt else 8 / 3 * (k + 2 * kappa)
+    wanted = stiffness * (1 / masses[0] + 1 / masses[1])
+    optic = np.flatnonzero((modes.rotational_fraction[0] < 1e-9) & (squares > 1e-9))
+    assert_allclose(squares[optic], [wanted] * 3, rtol=1e-12)
+
+
+def test_fcc_pressed_along_one_axis():
+    # the contacts across [001] are open: eight of twelve carry. kappa/6 is the rotation of the balls
+    k, kappa = 1.0, 0.83
+    cell = np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2.0)
+    steps = [(1, 0, 0), (0, 1, 0), (1, 0, -1), (0, 1, -1)]  # those with a part along z
+    normals = np.array(steps) @ cell
+    assert np.all(np.abs(normals[:, 2]) > 0.7)
+    network = table_network([[0, 0, 0]], cell, [1.0], [(0, 0, step) for step in steps], normals, k, kappa)
+    lattice = gp.ContactLattice.from_network(network)
+    velocities = lattice.sound_velocities((0.0, 0.0, 1.0))[0]
+    assert_allclose(np.sort(velocities**2), np.sort([k / 2 + kappa / 6, k / 2 + kappa / 6, k + kappa]), rtol=1e-13)
+
+
+# -- what is refused ----------------------------------------------------------------------------------------------------
+
+
+def test_networks_that_have_no_lattice_are_refused():
+    network = random_network("triangular", (3, 3))
+    with pytest.raises(InputError, match=r"repeats along no axis.*gp\.Waves"):
+        gp.ContactLattice.from_network(ribbon(network))
+    force = (
+        0.1 * network.normal_force[:, None] * np.stack([-network.normal[:, 1], network.normal[:, 0], 0 * network.i], axis=1)
+    )
+    pulled = replace(network, prestress=True, tangential_force=force)
+    with pytest.raises(InputError, match=r"tangential forces.*no potential"):
+        gp.ContactLattice.from_network(pulled)
+    assert gp.ContactLattice.from_network(replace(pulled, prestress=False)).n_branches == 27
+    with pytest.raises(InputError, match="bodies that do not move"):
+        gp.ContactLattice.from_network(hold(network, [0])).sound_velocities((1.0, 0.0))
+    with pytest.raises(InputError, match="no ball that moves, or no contact"):
+        gp.ContactLattice.from_network(hold(network, np.arange(9)))

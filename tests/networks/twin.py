@@ -1,0 +1,55 @@
+"""An independent twin of the waves in a periodic network: forces of each contact, one by one, in SI.
+
+It shares nothing with the package but the names of a network's fields.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import granphon as gp
+
+
+def cross_matrix(v: NDArray[Any]) -> NDArray[Any]:
+    """Matrix of w -> v x w."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any]:
+    """D(q), (rad/s)^2, of all six motions (u, R_g phi) of each ball that moves, phases at the centres; q (3,) in 1/m."""
+    moving = [ball for ball in range(network.n_balls) if np.isfinite(network.masses[ball])]
+    stiffness = np.zeros((6 * network.n_balls,) * 2, complex)
+    for c in range(network.n_contacts):
+        i, j, n = int(network.i[c]), int(network.j[c]), network.normal[c]
+        along, across, lever = np.outer(n, n), np.eye(3) - np.outer(n, n), -cross_matrix(n)
+        apart = network.positions[j] + network.shift[c] @ network.cell - network.positions[i]
+        # motions of j relative to i: the displacement at the contact, and the rotation
+        ends = {i: np.zeros((6, 6), complex), j: np.zeros((6, 6), complex)}
+        if not (np.isfinite(network.masses[i]) and np.isfinite(network.masses[j])):
+            apart = np.zeros(3)
+        for ball, sign, phase in ((i, -1.0, 1.0), (j, 1.0, np.exp(1j * q @ apart))):
+            arm = network.arm_i[c] if sign < 0 else network.arm_j[c]
+            block = np.zeros((6, 6), complex)
+            block[:3, :3] = sign * np.eye(3)
+            block[:3, 3:] = -arm * lever  # -(arm phi) x n, the surface of either ball
+            block[3:, 3:] = sign * np.eye(3)
+            ends[ball] = ends[ball] + phase * block
+        load = network.normal_force[c] / network.distance[c] if network.prestress else 0.0
+        springs = np.zeros((6, 6))
+        springs[:3, :3] = network.normal_stiffness[c] * along + network.shear_stiffness[c] * across
+        springs[3:, 3:] = network.torsion_stiffness[c] * along + network.bending_stiffness[c] * across
+        balls = sorted(ends)
+        whole = np.concatenate([ends[ball] for ball in balls], axis=1)
+        energy = whole.conj().T @ springs @ whole
+        moved = whole[:3].copy()
+        for at in range(len(balls)):
+            moved[:, 6 * at + 3 : 6 * at + 6] = 0.0
+        energy -= load * moved.conj().T @ across @ moved
+        place = np.concatenate([6 * ball + np.arange(6) for ball in balls])
+        stiffness[np.ix_(place, place)] += energy
+    keep = np.concatenate([6 * ball + np.arange(6) for ball in moving])
+    weight = np.concatenate([np.repeat([network.masses[b], network.inertias[b]], 3) for b in moving]) ** -0.5
+    return weight[:, None] * stiffness[np.ix_(keep, keep)] * weight
