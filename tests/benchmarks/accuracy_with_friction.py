@@ -87,7 +87,7 @@ class Scope(NamedTuple):
     true_side, true_samples : the same of the truth of cases that are held back.
     tried : least and greatest f* of these cases.
     largest : the largest side of a simulation that is tried there: the truth has many times more balls.
-    geometry : of the samples of the table; what the lattice's leaves out is added. Cases that are held back are exact.
+    geometry : of the samples of the table. Cases that are held back are exact.
     """
 
     forces: tuple[float, ...]
