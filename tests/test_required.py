@@ -240,31 +240,6 @@ def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypa
     assert len(loads) == 12
 
 
-def test_a_density_of_states_asks_for_few_weights_and_holds_few_at_a_time(state, monkeypatch):
-    """Of all modes and frequencies, only those are asked for that lie between the values of neighbouring wave vectors."""
-    from granphon.phonons import phonons as module
-
-    sizes: list[int] = []
-    weights = module.get_integration_weights
-
-    def counted(limits, values, zone, grid_points, **options):
-        assert values.shape[1] == 1
-        sizes.append(len(limits) * len(grid_points))
-        return weights(limits, values, zone, grid_points=grid_points, **options)
-
-    monkeypatch.setattr(module, "get_integration_weights", counted)
-    phonons = gp.Phonons(state)
-    whole = phonons.dos((48, 48), points=501)
-    points = len(phonons._make_mesh((48, 48)).qpoints)
-    assert sum(sizes) < 0.3 * 3 * points * 501
-    assert max(sizes) <= module._POINTS_TOGETHER * 501
-    sizes.clear()
-    monkeypatch.setattr(module, "_POINTS_TOGETHER", 16)
-    parts = phonons.dos((48, 48), points=501)
-    assert max(sizes) <= 16 * 501
-    np.testing.assert_allclose(parts.total, whole.total, rtol=1e-10, atol=1e-12 * whole.total.max())
-
-
 @pytest.mark.parametrize("entry", costs.WATCHED)
 def test_what_is_counted_exists_and_is_python(entry):
     module, name = entry

@@ -23,10 +23,9 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.arguments import finite_array, positive, whole_number
 from granphon.base.errors import ConvergenceError, InputError, brief, message
 from granphon.base.results import Result, read_only
-from granphon.base.validation import require
+from granphon.base.validation import finite_array, positive, require, whole_number
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import ContactTable, contact_frames
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.base.arguments import not_negative, positive, real_array
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result, read_only
+from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.long_waves import LongWaves

@@ -20,9 +20,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
-from granphon.base.arguments import finite_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import counted
+from granphon.base.validation import finite_array
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION, readable_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork

@@ -71,35 +71,25 @@ class Block(NamedTuple):
 # -- densities --------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
 class DensityBalls:
-    """Averages by quadrature, at the points of a block.
+    """Averages over the balls of a shape, by quadrature of the ``order`` at the points of a block.
 
     ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force ``common``, whose derivative is
     ``known`` (B, s + 1). ``noise`` (B,) is the rounding error to expect in the last coefficients of k, relative to k.
     """
 
-    xi: float
-    weights: Array
-    force: Array
-    stiffness: Array
-    mean: Array
-    common: Array
-    known: Array
-    noise: Array
-
-    @classmethod
-    def of(cls, shape: Shape, xi: float, order: int, block: Block) -> DensityBalls:
-        """Average over the balls of a shape, by quadrature of the ``order`` at each point of a block."""
+    def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
         y = block.y
         nodes = shape.nodes(y, order)
-        force, stiffness = (of(y[..., None], nodes.positions) for of in (shape.force, shape.stiffness))
-        common, known = shape.force(y), shape.stiffness(y)
-        mean = np.sum(nodes.weights * stiffness, axis=-1)
+        self.xi, self.weights = xi, nodes.weights
+        force, self.stiffness = (of(y[..., None], nodes.positions) for of in (shape.force, shape.stiffness))
+        self.common, self.known = shape.force(y), shape.stiffness(y)
+        self.force = force - self.common[..., None]
+        self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
         # on a short step differentiation amplifies the rounding of y and of the forces, which are counted from their mean
-        amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
-        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
-        return cls(xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
+        amplified = block.root.shape[1] ** 2 * (self.common / self.known + np.abs(y))[:, -1:]
+        amplified /= 4.0 * block.middle * block.half
+        self.noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
         """Return G(y, k) less the force ``common``, and dG/dk, (B, s + 1); and G at the lower ends (B,)."""
@@ -114,52 +104,40 @@ class DensityBalls:
 # -- listed diameters -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
 class PointAverages:
     """Averages over the balls of a shape of listed diameters by sums, for the local-field factor ``xi``."""
 
-    shape: PointShape
-    xi: float
-
-    @cached_property
-    def _points(self) -> tuple[Array, Array]:
-        return np.array(self.shape.positions), np.array(self.shape.weights)
-
-    @cached_property
-    def _matrix(self) -> Array:
-        """(n, n) openings of all pairs, in units of W."""
-        x, _ = self._points
-        return -0.5 * (x[:, None] + x)
-
-    @cached_property
-    def _contacts(self) -> tuple[Array, Any]:
-        """(m,) openings of pairs, ascending; and sparse (n, m) weights of each pair in the sums of its two balls."""
+    def __init__(self, shape: PointShape, xi: float) -> None:
         from scipy.sparse import csc_array
 
-        _, w = self._points
+        self.xi, x, self._weights = xi, np.array(shape.positions), np.array(shape.weights)
+        #: (n, n) openings of all pairs, in units of W
+        self._matrix = -0.5 * (x[:, None] + x)
+        # (m,) openings of pairs, ascending; and sparse (n, m) weights of each pair in the sums of its two balls
+        w = self._weights
         i, j = np.triu_indices(w.size)
         order = np.argsort(self._matrix[i, j], kind="stable")
         i, j = i[order], j[order]
         pair, other = np.arange(i.size), np.flatnonzero(i != j)
         rows, columns = np.concatenate([i, j[other]]), np.concatenate([pair, other])
-        entries = csc_array((np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size))
-        return self._matrix[i, j], entries
+        self._openings = self._matrix[i, j]
+        self._entries: Any = csc_array((np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size))
 
     def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
         """Return the middle and the half extent in y of a block, above its least origin, and which contacts are near.
 
         Contacts with openings up to the third number are far; the slice is that of the openings of near contacts.
         """
-        least, openings = block.origin[-1, 0], self._contacts[0]
+        least = block.origin[-1, 0]
         low, high = block.root[-1, 0] ** 2, block.origin[0, 0] - least + block.root[0, -1] ** 2
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         last = least - max(0.0, _FAR_OVERLAP * half - middle)
-        begin, end = np.searchsorted(openings, [last, block.origin[0, 0]], side="right").tolist()
+        begin, end = np.searchsorted(self._openings, [last, block.origin[0, 0]], side="right").tolist()
         return middle, half, last, slice(begin, end)
 
     def count(self, block: Block) -> int:
         """Return how many steps of the block should be solved at once, so that arrays of near contacts fit in memory."""
-        steps = min(len(block.root), max(_LEAST_STEPS, len(self.shape.positions) // 3))
+        steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
         *_, near = self._find_range(block)
         return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR else steps
 
@@ -169,9 +147,9 @@ class PointAverages:
         Four quantities are summed for each ball: the stiffness, its change and the change of the force since the upper end
         of the step, (n, B, s + 1); and the force at the upper end, (n, B).
         """
-        _, w = self._points
+        w = self._weights
         middle, half, last, near = self._find_range(block)
-        openings, entries = (part[..., near] for part in self._contacts)
+        openings, entries = self._openings[near], self._entries[..., near]
         closed = openings[:, None] <= block.origin[:, 0]
         rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
         root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]

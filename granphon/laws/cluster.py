@@ -25,36 +25,17 @@ from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.threads import single_products
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
-from granphon.laws.cluster_balance import Balance, ClusterBalance, Effective
+from granphon.laws.cluster_balance import Balance, ClusterBalance, PointSource
 from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
-from granphon.laws.cluster_points import draw_points
-from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, CurveLaw, Series
+from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, TERMS, CurveLaw, Series
 
 Array = NDArray[np.float64]
 #: f* from which force and stiffness are within 2.5 % of the simulated array's, on the triangular lattice and in fcc
 VALID_FORCE = 0.03
 #: f* down to which the curve is solved
 LEAST_SOLVED_FORCE = 3e-3
-#: number of overlaps at which the polynomial is fitted
-_NODES = 23
 #: degree of the polynomial: each overlap gives two numbers, force and stiffness
 _DEGREE = 18
-#: weight of a stiffness in the fit, over that of a force: its quadrature error is larger
-_SLOPE_WEIGHT = 0.01
-#: relative error of the force that the polynomial is expected to have by itself
-_FIT = 2e-5
-#: weight of the series where the polynomial joins it
-_JOIN_WEIGHT = 100.0
-#: overlaps at which the series is fitted, over the one where it begins
-_FAR = (6.0, 3.0, 1.8, 1.3, 1.0)
-#: orders of the series that are fitted; those below are known
-_ORDERS = np.arange(3, 10)
-#: least overlap at which the series begins, in widths W
-_FAR_START = 2.0
-#: least overlap at which the series begins, over the largest deviation of a ball
-_FAR_DEVIATIONS = 2.5
-#: number of realisations that find where the curve ends
-_TRIAL = 256
 #: number of realisations of each scramble of the curve, for a cluster of 12 contacts
 _POINTS = 1024
 #: number of scrambles of the curve, for a cluster of 12 contacts
@@ -67,16 +48,8 @@ _ERROR_FORCE = 0.022
 _MOST_ERROR = 2.5e-3
 #: part of that which the survey between the overlaps where it is found may add
 _ROUGH_SHARE = 0.45
-#: least part of f^(2/3) that is taken off in a step towards the end of the curve
-_LEAST_SHARE = 0.02
-#: f* up to which the curve may end because the conditions have no solution below
-_MOST_END = 0.02
 #: x at the lowest overlap
 _MOST_X = 2.0
-#: terms of a series at high load
-_TERMS = 16
-#: nodes of the integral of the force
-_GAUSS = 64
 
 
 @dataclass(frozen=True)
@@ -111,41 +84,27 @@ class ClusterLaw(CurveLaw):
     def quadrature_error(self, overlap: ArrayLike) -> ArrayLike:
         """Return the relative standard error of the force that is left by the quadrature, from its independent scrambles."""
         curve = self.curve
-
-        def find(y: Array) -> Array:
-            return np.asarray(np.interp(y, curve.nodes, curve.errors))
-
-        return self._evaluate_joined(overlap, find, find)  # type: ignore[no-any-return]
+        return np.interp(np.asarray(overlap, float) / self.width, curve.nodes, curve.errors)[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> ArrayLike:
         """Return Delta f / f of Section IV: the rms deviation of the mean force on the ball in the middle, over the mean."""
         curve = self.curve
+        depth = curve.nodes + curve.offset  # times y + b it is smooth
 
         def far(y: Array) -> Array:
             return np.asarray(curve.fluctuations[-1] * curve.nodes[-1] / y)
 
         def near(y: Array) -> Array:
-            # times y + b it is smooth
-            depth = curve.nodes + curve.offset
-            return np.asarray(_interpolate(y, curve.nodes, curve.fluctuations * depth) / (y + curve.offset))
+            return curve.interpolate(y, curve.fluctuations * depth) / (y + curve.offset)
 
         return self._evaluate_joined(overlap, far, near)  # type: ignore[no-any-return]
 
     def contact_fraction(self, overlap: ArrayLike) -> ArrayLike:
         """Return the fraction of the contacts of the ball in the middle that carry force."""
         curve = self.curve
-
-        def near(y: Array) -> Array:
-            return np.clip(_interpolate(y, curve.nodes, curve.contacts), 0.0, 1.0)
-
-        return self._evaluate_joined(overlap, np.ones_like, near)  # type: ignore[no-any-return]
-
-
-def _interpolate(y: Array, nodes: Array, values: Array) -> Array:
-    """Interpolate between the nodes of a curve, without overshooting."""
-    from scipy.interpolate import PchipInterpolator
-
-    return np.asarray(PchipInterpolator(np.log(nodes - nodes[0] + 0.5), values)(np.log(y - nodes[0] + 0.5)))
+        return self._evaluate_joined(  # type: ignore[no-any-return]
+            overlap, np.ones_like, lambda y: np.clip(curve.interpolate(y, curve.contacts), 0.0, 1.0)
+        )
 
 
 # -- the curve --------------------------------------------------------------------------------------------------------
@@ -170,16 +129,18 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
 
     Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
-    top = max(_FAR_START, _FAR_DEVIATIONS * max(map(abs, shape.bounds)))
+    # the series at high load begins here, in widths W
+    top = max(2.0, 2.5 * max(map(abs, shape.bounds)))
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
 
-    def guess(y: float) -> Effective:
+    def guess(y: float) -> tuple[float, float, float]:
         # the effective lattice at high load, to second order in 1/y
         off = second / y**2
-        return Effective(y**1.5 * (1.0 + 0.375 * off), 1.5 * y**0.5 * (1.0 - 0.2 * off), 0.4 * second / y)
+        return y**1.5 * (1.0 + 0.375 * off), 1.5 * y**0.5 * (1.0 - 0.2 * off), 0.4 * second / y
 
     # few realisations find the overlap at which f* falls to the least that is solved
-    balance = ClusterBalance(response, draw_points(response, shape, _TRIAL, 1))
+    source = PointSource(response, shape)
+    balance = ClusterBalance(response, source.draw([0], 256))
     now, least, share = balance.solve(top, guess(top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 0.5
     while now.force > 1.001 * LEAST_SOLVED_FORCE:
         # f^(2/3) is nearly linear in y; a step takes off no more than half of it
@@ -191,25 +152,25 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
             balance = trial
         except PrecisionError:
             share *= 0.5
-            if share > _LEAST_SHARE:
+            if share > 0.02:
                 continue
-            if now.force > _MOST_END:
+            # there the conditions may have no solution below, and the curve ends; above f* = 0.02 it may not
+            if now.force > 0.02:
                 raise
             break
     lowest = now.y
     offset = 1.0 / _MOST_X - lowest
-    few = draw_points(response, shape, points, scrambles, seed)
-    balance = ClusterBalance(response, few)
-    far = [balance.solve(y, guess(y)) for y in (top * part for part in _FAR)]
+    balance = ClusterBalance(response, source.draw(range(seed, seed + scrambles), points))
+    far = [balance.solve(top * part, guess(top * part)) for part in (6.0, 3.0, 1.8, 1.3, 1.0)]
     near = [far[-1]]
-    # from the top to the lowest overlap, the ends included
-    x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
+    # from the top to the lowest overlap, at 23 nodes with the ends included
+    x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 23)))
     overlaps = 1.0 / x[1:] - offset
     if lowest < 0.0:
         overlaps[np.argmin(np.abs(overlaps[:-1]))] = 0.0  # that of touching balls is one of them
     for y in overlaps.tolist():
         near.append(balance.step(near[-1], y))
-    return ClusterCurve.fit(far, _refine(near, ClusterDescent(response, shape, few, seed), offset), offset, second)
+    return ClusterCurve.fit(far, _refine(near, ClusterDescent(balance, shape, seed), offset), offset, second)
 
 
 def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
@@ -236,9 +197,9 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
         near = slice(begin := int(np.clip(np.searchsorted(whole, i) - 2, 0, len(whole) - 4)), begin + 4)
         weights[i, near] = krogh_interpolate(x[whole[near]], np.eye(4), at)
     weights[whole] = np.eye(len(whole))
-    better = [descent.refine(found[i], goals[i], 1 + i) for i in whole.tolist()]
-    first = np.empty((n, *better[0].first.shape))
-    first[whole] = [one.first for one in better]
+    better, whole_errors, surveys = zip(*(descent.refine(found[i], goals[i], 1 + i) for i in whole.tolist()), strict=True)
+    first = np.empty((n, *surveys[0].shape))
+    first[whole] = surveys
     rest = np.setdiff1d(places, whole)
     first[rest] = [descent.evaluate_first(found[i])[..., :4] for i in rest.tolist()]
 
@@ -258,8 +219,8 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
     for i, count in enumerate(counts.tolist()):
         off[i] += np.mean(start[:count, i], axis=0)
         variances[i] += np.var(start[:count, i, 0], ddof=1) / count
-    means = weights @ [one.means for one in better] + off
-    errors = np.sqrt(np.square(weights) @ [one.error**2 for one in better] + variances)
+    means = weights @ better + off
+    errors = np.sqrt(np.square(weights) @ np.square(whole_errors) + variances)
     slope = CubicSpline(x, means[:, 0] - forces)(x, 1)
     return [
         replace(
@@ -292,31 +253,28 @@ class ClusterCurve:
     @classmethod
     def fit(cls, high: list[Balance], low: list[Balance], offset: float, second: float) -> ClusterCurve:
         """Fit the series to solutions at high load, and the polynomial to those below, in descending order of y."""
-        # the orders from the third on of f/y^(3/2) as a series in 1/y, relative to equal balls, and over the second order
-        y = np.array([one.y for one in high])[:, None]
-        force, k = np.array([(one.force, one.stiffness) for one in high]).T
-        start, known = float(y[-1, 0]), 0.375 * second / y[:, 0] ** 2
-        rows = [np.concatenate([(start / y) ** _ORDERS, (1.0 - _ORDERS / 1.5) * (start / y) ** _ORDERS])]
-        goal = [force / y[:, 0] ** 1.5 - 1.0 - known, k / (1.5 * y[:, 0] ** 0.5) - 1.0 + known / 3.0]
-        mean = np.zeros(_TERMS)
+        # the orders from the third to the ninth of f/y^(3/2) as a series in 1/y, relative to equal balls, over the second
+        y, force, k = np.array([(one.y, one.force, one.stiffness) for one in high]).T
+        start, known, orders = float(y[-1]), 0.375 * second / y**2, np.arange(3, 10)
+        powers = (start / y[:, None]) ** orders
+        goal = [force / y**1.5 - 1.0 - known, k / (1.5 * y**0.5) - 1.0 + known / 3.0]
+        mean = np.zeros(TERMS)
         mean[0], mean[2] = 1.0, 0.375 * second / start**2
-        mean[_ORDERS] = np.linalg.lstsq(rows[0], np.concatenate(goal), rcond=None)[0]
-        far = Series(read_only(mean), start, start, np.zeros((_TERMS, 1)), np.ones(1))
-        y = np.array([one.y for one in low])
-        force, k = np.array([(one.force, one.stiffness) for one in low]).T
+        rows = [powers, (1.0 - orders / 1.5) * powers]
+        mean[orders] = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
+        far = Series(read_only(mean), start, start, np.zeros((TERMS, 1)), np.ones(1))
+        y, force, k, errors = np.array([(one.y, one.force, one.stiffness, one.error) for one in low]).T
         root = np.cbrt(force)
-        basis, slopes, bends = _make_basis(y, far.start, offset)
-        # forces that are known well weigh more; by the root only, so that others still hold the curve at low load
-        errors = np.array([one.error for one in low])
-        weight, steep = np.sqrt(_FIT / np.hypot(_FIT, errors)) / root**2, _SLOPE_WEIGHT * root / k
-        # c = f^(2/3) - y, and at the top its value and first two derivatives are those of the series
-        f0, f1, f2 = (far.value(far.start, order) for order in (FORCE, STIFFNESS, SLOPE))
-        joins = [
-            np.cbrt(f0) ** 2 - far.start, 2.0 / 3.0 * f1 / np.cbrt(f0) - 1.0,
-            2.0 / 3.0 * (f2 - f1**2 / (3.0 * f0)) / np.cbrt(f0),
-        ]  # fmt: skip
-        rows = [weight[:, None] * basis, steep[:, None] * slopes, _JOIN_WEIGHT * np.stack([basis[0], slopes[0], bends[0]])]
-        goal = [weight * (root**2 - y), steep * (2.0 / 3.0 * k / root - 1.0), _JOIN_WEIGHT * np.array(joins)]
+        basis, slopes, bends = _make_basis(y, start, offset)
+        # forces that are known well, against the 2e-5 that a polynomial is off, weigh more; by the root only, so that others
+        # still hold the curve at low load. Stiffnesses weigh less, as their quadrature error is larger
+        weight, steep = np.sqrt(2e-5 / np.hypot(2e-5, errors)) / root**2, 0.01 * root / k
+        # c = f^(2/3) - y, and at the top its value and first two derivatives are those of the series, which weigh most
+        f0, f1, f2 = (far.value(start, order) for order in (FORCE, STIFFNESS, SLOPE))
+        third = np.cbrt(f0)
+        joins = [third**2 - start, 2.0 / 3.0 * f1 / third - 1.0, 2.0 / 3.0 * (f2 - f1**2 / (3.0 * f0)) / third]
+        rows = [weight[:, None] * basis, steep[:, None] * slopes, 100.0 * np.stack([basis[0], slopes[0], bends[0]])]
+        goal = [weight * (root**2 - y), steep * (2.0 / 3.0 * k / root - 1.0), 100.0 * np.array(joins)]
         coefficients = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
         # what the polynomial is off, relative to f, is an error of the law as well
         off = 1.5 * (basis @ coefficients - (root**2 - y)) / root**2
@@ -334,10 +292,17 @@ class ClusterCurve:
         """Reduced force at the start of the curve."""
         return float(self.value(np.array(self.start), FORCE))
 
+    def interpolate(self, y: Array, values: Array) -> Array:
+        """Interpolate between values at the nodes, without overshooting."""
+        from scipy.interpolate import PchipInterpolator
+
+        depth = np.log(self.nodes - self.start + 0.5)
+        return np.asarray(PchipInterpolator(depth, values)(np.log(y - self.start + 0.5)))
+
     def value(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
         if order == ENERGY:
-            nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
+            nodes, weights = np.polynomial.legendre.leggauss(64)
             # over the logarithm of y + b
             low, high = np.log(self.start + self.offset), np.log(y + self.offset)[..., None]
             depth = np.exp(low + 0.5 * (high - low) * (1.0 + nodes))

@@ -1,4 +1,4 @@
-"""The equations of the cluster medium at one overlap, and their solution.
+"""The equations of the cluster medium at one overlap, and their solution for random realisations of a cluster.
 
 Everything is in the reduced units of Section IV. A cluster of random balls sits in the effective lattice, whose contacts
 have the mean force f and the stiffness kappa, and are linear; so are all contacts of the array but for the tensions
@@ -30,22 +30,46 @@ included in f, is larger, as what they touch outside is linear: at a* = 0.6 by 1
 
 Newton's method solves all three at once, and the realisations with them. Its last matrix gives the change of f, kappa and
 tau with y, hence k = df/dy, with f and kappa varied too.
+
+A realisation is a point of the unit cube. Its first coordinates give the deviations of the balls of the cluster and of those
+that touch it, by the quantiles of their distribution. The many balls farther off add up to normal deviates with what is left
+of the covariance; so does the push of contacts outside, which is known up to its size. The points are Sobol's, scrambled,
+each with its antithetic one. Independent scrambles are kept apart, and from their differences follows the error of every
+mean.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.distributions import Shape
 from granphon.base.errors import PrecisionError, message
+from granphon.base.results import read_only
 from granphon.base.threads import share_out
 from granphon.dynamics.cluster_response import ClusterResponse
-from granphon.laws.cluster_points import ClusterPoints
 
 Array = NDArray[np.float64]
+#: of single or double precision
+Floats = NDArray[Any]
+#: variance of the deviations in widths W, by the definition of W
+_VARIANCE = 1.0 / 12.0
+#: eigenvalues of a covariance below this are rounding
+_LEAST = 1e-9
+#: least number of points for each direction of the covariance: half of them are mirror images
+_POINTS_PER_DIRECTION = 2.5
+#: least variance of a direction before it is stretched, over what it is to be
+_LEAST_VARIANCE = 0.02
+#: binary digits of a coordinate
+_DIGITS = 30
+#: most points of a scramble
+_MOST_POINTS = 2**13
 #: stiffness over kappa by which balls without contacts are held
 _HOLD = 1e-6
 #: largest relative change of f and kappa in the last iteration: convergence is quadratic
@@ -58,28 +82,121 @@ _AT_ONCE = 2**18
 LEAST_CONTACT = 1e-6
 
 
-class Effective(NamedTuple):
-    """Mean force f, stiffness kappa and size tau of the push from outside, reduced."""
+class PointSource:
+    """Randomised sets of realisations for a cluster and a distribution.
 
-    force: float
-    stiffness: float
-    push: float
+    Each is scrambled by itself. Of ``many`` sets each is a random shift of the same points, in single precision: it takes a
+    fraction of the time, and its scatter is hardly larger.
+    """
+
+    def __init__(self, response: ClusterResponse, shape: Shape, many: bool = False) -> None:
+        from scipy.linalg import block_diag
+
+        near = response.influence
+        far = _root(_VARIANCE * (response.misfit - near @ near.T))
+        push = _root(response.remote)
+        self._contacts, self._near = near.shape
+        root = _root(np.asarray(block_diag(_VARIANCE * response.misfit, push @ push.T)))
+        both = block_diag(np.hstack([np.sqrt(_VARIANCE) * near, far]), push)
+        #: deviates give uncorrelated parts of the realisations, and these the realisations
+        self._dtype: type[np.floating] = np.float32 if many else np.float64
+        self._parts, self._root = (np.linalg.pinv(root) @ both).T.astype(self._dtype), root
+        self._shape, self._many = shape, many
+
+    def draw(self, seeds: Sequence[int | list[int]], points: int) -> list[tuple[Floats, Floats]]:
+        """Draw a set of ``points`` for each seed, a power of two, half of them antithetic: misfits and pushes (n, n_c).
+
+        Misfits are in widths W; pushes have the covariance ``remote`` of the response, and must be multiplied by their size.
+        In each set the mean is zero, and the covariance that of the infinite array, exactly. There are more points, if as
+        many do not fix the covariance. Raises :class:`~granphon.base.errors.PrecisionError` for a distribution with so rare
+        a kind of balls that even many more do not.
+        """
+        points = max(points, 2 ** math.ceil(math.log2(_POINTS_PER_DIRECTION * self._root.shape[1])))
+        most = max(points, _MOST_POINTS)
+        while points <= most:
+            sets = [one for seed in seeds if (one := self._draw(seed, points)) is not None]
+            if len(sets) == len(seeds):
+                return sets
+            points *= 2
+        what = "the cluster medium does not hold balls of so rare a kind"
+        raise PrecisionError(message(what, mend="Use the effective medium, or leave the rarest diameters out"))
+
+    def _draw(self, seed: int | list[int], points: int) -> tuple[Floats, Floats] | None:
+        """Draw a set of so many points, or return None if too few are of a rare kind."""
+        from scipy.special import ndtri
+
+        size = len(self._parts), points // 2
+        if self._many:
+            # the same points with a random shift of their binary digits
+            shift = np.random.default_rng(seed).integers(0, 2**_DIGITS, size[0], dtype=np.uint32)
+            cube = np.asarray((_find_net(*size) ^ shift) * 2.0**-_DIGITS)
+        else:
+            cube = _scramble(*size, seed)
+        cube = cube + 0.5 ** (_DIGITS + 1)  # in the middle of their cells: in the open cube
+        near = cube[:, : self._near]
+        one, other = (self._shape.quantile(part) / np.sqrt(_VARIANCE) for part in (near, 1.0 - near))
+        # of a point and its mirror image, half of the difference and of the sum: the sum of a symmetric distribution is zero
+        odd = np.empty(cube.shape, self._dtype)
+        odd[:, : self._near] = 0.5 * (one - other)
+        odd[:, self._near :] = ndtri(cube[:, self._near :])
+        even = 0.5 * (one + other)
+        # uncorrelated parts of the realisations; where no ``even`` is left it is zero
+        lopsided = even.astype(self._dtype) @ self._parts[: self._near] if np.any(np.abs(even) > _LEAST) else None
+        odd = odd @ self._parts
+        covariance = (odd.T @ odd).astype(float)
+        if lopsided is not None:
+            lopsided -= lopsided.mean(axis=0, dtype=float).astype(lopsided.dtype)
+            covariance += lopsided.T @ lopsided
+        covariance /= len(odd)
+        try:
+            # it has a factor if all directions vary more than that
+            np.linalg.cholesky(covariance - _LEAST_VARIANCE * np.eye(len(covariance)))
+        except np.linalg.LinAlgError:
+            return None
+        # so stretched that the covariance is root root^T: even + odd, then even - odd
+        stretch = np.linalg.solve(np.linalg.cholesky(covariance).T, self._root.T).astype(odd.dtype)
+        found = np.empty((2 * len(odd), len(self._root)), odd.dtype)
+        np.matmul(odd, stretch, out=found[: len(odd)])
+        np.negative(found[: len(odd)], out=found[len(odd) :])
+        if lopsided is not None:
+            found.reshape(2, len(odd), -1)[:] += lopsided @ stretch
+        return found[:, : self._contacts], found[:, self._contacts :]
+
+
+def _scramble(dimensions: int, points: int, seed: int | list[int]) -> Array:
+    """Return scrambled Sobol points (points, dimensions) of the unit cube, multiples of 2^-30."""
+    from scipy.stats import qmc
+
+    return np.asarray(qmc.Sobol(dimensions, scramble=True, bits=_DIGITS, seed=np.random.default_rng(seed)).random(points))
+
+
+@lru_cache(maxsize=8)
+def _find_net(dimensions: int, points: int) -> NDArray[np.uint32]:
+    """Return the points that others are shifts of, (points, dimensions), as whole numbers of 30 binary digits."""
+    return read_only((_scramble(dimensions, points, 0) * 2.0**_DIGITS).astype(np.uint32))
+
+
+def _root(covariance: Array) -> Array:
+    """Return A (n, r) of full rank with A A^T = ``covariance``, the largest parts first."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > _LEAST
+    return np.asarray((vectors[:, kept] * np.sqrt(values[kept]))[:, ::-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """Solution at the overlap ``y``: the effective lattice, the slopes of f, kappa and tau over y, and the middle ball.
+    """Solution at the overlap ``y``: ``effective`` (3,), which are f, kappa and tau, their ``slopes`` (3,), and the ball.
 
-    ``force`` is the mean force on that ball's contacts, ``stiffness`` its slope over y, ``error`` its standard error from
-    the quadrature, over the force; ``fluctuation`` the rms deviation of the mean force on the ball, over the force;
-    ``contacts`` the part of its contacts that carry force. ``realisations`` (n,) are the forces that these are means of,
-    with what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the force, and
-    ``matrix`` (3, 3) has the derivatives of what is missing with f, kappa and tau.
+    ``force`` is the mean force on the contacts of the ball in the middle, ``stiffness`` its slope over y, ``error`` its
+    standard error from the quadrature, over the force; ``fluctuation`` the rms deviation of the mean force on the ball, over
+    the force; ``contacts`` the part of its contacts that carry force. ``realisations`` (n,) are the forces that these are
+    means of, with what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the
+    force, and ``matrix`` (3, 3) has the derivatives of what is missing with f, kappa and tau.
     """
 
     y: float
-    effective: Effective
-    slopes: Effective
+    effective: Array
+    slopes: Array
     force: float
     stiffness: float
     error: float
@@ -90,25 +207,24 @@ class Balance:
     matrix: Array
 
 
-def find_modes(response: ClusterResponse) -> tuple[Array, Array]:
-    """Return B (n_c, r) with P = B B^T and orthogonal columns, and the eigenvalues (r,) of P, their squared lengths."""
-    values, vectors = np.linalg.eigh(response.response)
-    kept = values > _HOLD
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept])), np.asarray(values[kept])
-
-
 class ClusterBalance:
-    """Realisations of a cluster, in equilibrium at one overlap after another; it keeps their last equilibrium."""
+    """Realisations of a cluster, in equilibrium at one overlap after another; it keeps their last equilibrium.
 
-    def __init__(self, response: ClusterResponse, points: ClusterPoints) -> None:
-        self._modes, values = find_modes(response)
-        self._rest = np.diag(1.0 + _HOLD - values)
+    ``sets`` are what a :class:`PointSource` draws, and each set tells the error of the quadrature. ``modes`` (n_c, r) is B,
+    whose columns are orthogonal, and ``values`` (r,) the eigenvalues of P, their squared lengths.
+    """
+
+    def __init__(self, response: ClusterResponse, sets: Sequence[tuple[Floats, Floats]]) -> None:
+        self.response, self.sets = response, len(sets)
+        self.misfits, self.pushes = (np.concatenate(part) for part in zip(*sets, strict=True))
+        values, vectors = np.linalg.eigh(response.response)
+        kept = values > _HOLD
+        self.modes, self.values = np.asarray(vectors[:, kept] * np.sqrt(values[kept])), np.asarray(values[kept])
+        self._rest = np.diag(1.0 + _HOLD - self.values)
         #: B_ca B_cb, which a matrix of second derivatives is a sum of, (n_c, r^2)
-        self._squares = (self._modes[:, :, None] * self._modes[:, None, :]).reshape(len(self._modes), -1)
-        self._central = response.central
-        self._points = points
-        self._w = np.zeros((len(points.misfits), self._modes.shape[1]))
-        size = max(1, _AT_ONCE // self._modes.shape[1] ** 2)
+        self._squares = (self.modes[:, :, None] * self.modes[:, None, :]).reshape(len(self.modes), -1)
+        self._w = np.zeros((len(self.misfits), self.modes.shape[1]))
+        size = max(1, _AT_ONCE // self.modes.shape[1] ** 2)
         self._parts = [slice(i, i + size) for i in range(0, len(self._w), size)]
         #: change of w with f, kappa, tau and y
         self._changes = np.zeros((*self._w.shape, 4))
@@ -116,17 +232,32 @@ class ClusterBalance:
     def step(self, before: Balance, y: float) -> Balance:
         """Go from one overlap to another: follow the slopes, then iterate."""
         up = y - before.y
-        moved = np.maximum(np.add(before.effective, np.multiply(before.slopes, up)), np.multiply(0.5, before.effective))
+        moved = np.maximum(before.effective + before.slopes * up, 0.5 * before.effective)
         self._w += self._changes[..., :3] @ (moved - before.effective) + self._changes[..., 3] * up
-        return self.solve(y, Effective(*moved.tolist()))
+        return self.solve(y, moved)
 
-    def solve(self, y: float, start: Effective) -> Balance:
-        """Solve at the overlap y, from an estimate; raises :class:`PrecisionError` if it does not settle."""
-        now = np.array(start)
+    def solve(self, y: float, start: ArrayLike) -> Balance:
+        """Solve at the overlap y, from an estimate (3,) of f, kappa and tau.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
+        """
+        now = np.array(start, float)
         for _ in range(40):
-            self._relax(y, Effective(*now.tolist()))
-            miss, by, ball, contacts = self._linearise(y, Effective(*now.tolist()))
-            matrix = by[:3, :3]
+            f, kappa, tau = now.tolist()
+            misses, slopes, squares, balls, closed = zip(
+                *share_out(partial(self._linearise, y, (f, kappa, tau)), self._parts), strict=True
+            )
+            # the derivatives (4, 4) of the conditions, and of the mean force on the ball, with f, kappa, tau and y
+            by = np.asarray(sum(by * len(miss) for by, miss in zip(slopes, misses, strict=True)) / len(self._w))
+            # the third condition is for the root of the mean square, in which it is nearly linear
+            rms = np.sqrt(sum(squares) / len(self._w))
+            by[2] = by[2] / (2.0 * rms) - [0.0, tau, kappa, 0.0]
+            by[0, 0] -= 1.0
+            # what the conditions miss in each realisation (n, 3), and that force in each (n,)
+            miss, ball = np.concatenate(misses), np.concatenate(balls)
+            miss[:, 2] = (miss[:, 2] - rms**2) / (2.0 * rms) + rms
+            miss -= [f, 0.0, tau * kappa]
+            matrix, by_lattice = by[:3, :3], by[3, :3]
             change = -np.linalg.solve(matrix, np.mean(miss, axis=0))
             ratio = np.abs(change / now)[:2]
             change *= min(1.0, 0.5 / float(np.max(ratio)))
@@ -137,39 +268,32 @@ class ClusterBalance:
             if np.max(ratio) >= _SETTLED:
                 continue
             # ``now`` is a last small change away from where the conditions were evaluated
-            slopes, by_lattice = -np.linalg.solve(matrix, by[:3, 3]), by[3, :3]
+            slope = -np.linalg.solve(matrix, by[:3, 3])
             force = float(np.mean(ball) + by_lattice @ change)
             # each scramble alone: its own mean, in its own effective lattice
             influence = np.linalg.solve(matrix.T, by_lattice)
             realisations = np.asarray(ball - miss @ influence, float)
-            off = np.mean(realisations.reshape(self._points.scrambles, -1), axis=1)
+            off = np.mean(realisations.reshape(self.sets, -1), axis=1)
             error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
             return Balance(
-                y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, float(by[3, 3] + by_lattice @ slopes),
-                error / force, float(np.std(ball)) / force, contacts, realisations, np.asarray(influence, float), matrix,
+                y, now, slope, force, float(by[3, 3] + by_lattice @ slope), error / force, float(np.std(ball)) / force,
+                float(np.mean(np.concatenate(closed))), realisations, np.asarray(influence, float), matrix,
             )  # fmt: skip
         raise PrecisionError(
             message(f"the cluster medium does not settle at an overlap of {y:.6g} widths", mend="Raise the load")
         )
 
-    def overlaps(self, y: float, effective: Effective) -> Array:
-        """Return the overlaps h (n, n_c) of all contacts in equilibrium, in a given effective lattice."""
-        self._relax(y, effective)
-        return self._realise(slice(None), y, effective.push)
-
-    def _realise(self, part: slice, y: float, push: float) -> Array:
-        """Return h (n, n_c) of some realisations."""
-        points = self._points
-        return np.asarray(y + points.misfits[part] + push * points.pushes[part] - self._w[part] @ self._modes.T)
-
     def _stiffen(self, slopes: Array, stiffness: float) -> Array:
         """Return the matrices (n, r, r) of second derivatives, from the stiffness of each contact."""
         return np.asarray(stiffness * self._rest + (slopes @ self._squares).reshape(len(slopes), *self._rest.shape))
 
-    def _relax(self, y: float, now: Effective) -> None:
-        """Bring all realisations into equilibrium, by Newton's method with a line search."""
-        f, kappa, tau = now
-        points, modes = self._points, self._modes
+    def relax(self, y: float, effective: Sequence[float], part: slice = slice(None)) -> Array:
+        """Bring realisations into equilibrium in a given lattice, by Newton's method with a line search.
+
+        Returns the overlaps h (n, n_c) of their contacts.
+        """
+        f, kappa, tau = effective
+        modes = self.modes
         rounding = 1e-15 * len(modes) * (f + kappa) * (1.0 + abs(y))
 
         def energy(w: Array, fixed: Array) -> Array:
@@ -178,65 +302,43 @@ class ClusterBalance:
             own = 0.4 * closed**2 * np.sqrt(closed) - f * h - 0.5 * kappa * (h - y) ** 2
             return np.asarray(0.5 * (1.0 + _HOLD) * kappa * np.sum(w * w, axis=1) + np.sum(own, axis=1))
 
-        def relax(part: slice) -> None:
-            going = np.arange(*part.indices(len(self._w)))
-            w, fixed = self._w[going], y + points.misfits[going] + tau * points.pushes[going]
-            for _ in range(200):
-                h = fixed - w @ modes.T
-                closed = np.maximum(h, 0.0)
-                root = np.sqrt(closed)
-                pull = (1.0 + _HOLD) * kappa * w - (closed * root - f - kappa * (h - y)) @ modes
-                left = np.max(np.abs(pull), axis=1) > _BALANCED * min(f, kappa)
-                if not np.any(left):
-                    return
-                going, w, fixed, pull = going[left], w[left], fixed[left], pull[left]
-                step = np.linalg.solve(self._stiffen(1.5 * root[left], kappa), pull[..., None])[..., 0]
-                length, work = np.ones(len(w)), np.sum(pull * step, axis=1)
-                before = energy(w, fixed)
-                for _ in range(30):
-                    rising = energy(w - length[:, None] * step, fixed) > before - 1e-4 * length * work + rounding
-                    if not np.any(rising):
-                        break
-                    length[rising] *= 0.4
-                w = w - length[:, None] * step
-                self._w[going] = w
-            what = f"a cluster finds no equilibrium at an overlap of {y:.6g} widths"
-            raise PrecisionError(message(what, mend="Raise the load"))
+        free = y + self.misfits[part] + tau * self.pushes[part]
+        going = np.arange(*part.indices(len(self._w)))
+        w, fixed = self._w[going], free
+        for _ in range(200):
+            h = fixed - w @ modes.T
+            closed = np.maximum(h, 0.0)
+            root = np.sqrt(closed)
+            pull = (1.0 + _HOLD) * kappa * w - (closed * root - f - kappa * (h - y)) @ modes
+            left = np.max(np.abs(pull), axis=1) > _BALANCED * min(f, kappa)
+            if not np.any(left):
+                return np.asarray(free - self._w[part] @ modes.T)
+            going, w, fixed, pull = going[left], w[left], fixed[left], pull[left]
+            step = np.linalg.solve(self._stiffen(1.5 * root[left], kappa), pull[..., None])[..., 0]
+            length, work = np.ones(len(w)), np.sum(pull * step, axis=1)
+            before = energy(w, fixed)
+            for _ in range(30):
+                rising = energy(w - length[:, None] * step, fixed) > before - 1e-4 * length * work + rounding
+                if not np.any(rising):
+                    break
+                length[rising] *= 0.4
+            w = w - length[:, None] * step
+            self._w[going] = w
+        what = f"a cluster finds no equilibrium at an overlap of {y:.6g} widths"
+        raise PrecisionError(message(what, mend="Raise the load"))
 
-        share_out(relax, self._parts)
+    def _linearise(
+        self, y: float, effective: Sequence[float], part: slice
+    ) -> tuple[Array, Array, float, Array, NDArray[np.bool_]]:
+        """Bring some realisations into equilibrium, and return what they add to the conditions; it keeps the changes of w.
 
-    def _linearise(self, y: float, now: Effective) -> tuple[Array, Array, Array, float]:
-        """Return the conditions and their derivatives; it keeps the changes of w.
-
-        They are what the conditions miss in each realisation (n, 3); the derivatives (4, 4) of these three, and of the mean
-        force on the ball in the middle, with f, kappa, tau and y; that force in each realisation (n,); and the part of the
-        ball's contacts that carry force.
+        That is the mean force, <phi s> and <phi^2> of each (n, 3); the derivatives (4, 4) of their means, and of the mean
+        force on the ball in the middle, with f, kappa, tau and y; the sum of <phi^2>; that force in each (n,); and the part
+        of the ball's contacts that carry force (n,).
         """
-        f, kappa, _ = now
-        misses, slopes, squares, central = [], np.zeros((4, 4)), 0.0, []
-        for miss, by, square, ball in share_out(lambda part: self._linearise_part(part, y, now), self._parts):
-            misses.append(miss)
-            central.append(ball)
-            slopes += by * len(miss)
-            squares += square
-        slopes /= len(self._w)
-        rms = np.sqrt(squares / len(self._w))
-        # the third condition is for the root of the mean square, in which it is nearly linear
-        slopes[2] /= 2.0 * rms
-        per = np.concatenate(misses)
-        per[:, 2] = (per[:, 2] - rms**2) / (2.0 * rms) + rms
-        per -= [f, 0.0, now.push * kappa]
-        slopes[2] -= [0.0, now.push, kappa, 0.0]
-        slopes[0, 0] -= 1.0
-        ball, closed = np.concatenate(central, axis=1)
-        return per, slopes, ball, float(np.mean(closed))
-
-    def _linearise_part(self, part: slice, y: float, now: Effective) -> tuple[Array, Array, float, Array]:
-        """Return, for one part of the realisations, mean force, <phi s> and <phi^2> of each, and slopes."""
-        f, kappa, tau = now
-        points, modes = self._points, self._modes
-        s, m, w = points.misfits[part], points.pushes[part], self._w[part]
-        h = self._realise(part, y, tau)
+        f, kappa, _ = effective
+        h = self.relax(y, effective, part)
+        modes, s, m, w = self.modes, self.misfits[part], self.pushes[part], self._w[part]
         closed = np.maximum(h, 0.0)
         root = np.sqrt(closed)
         force, slope, off = closed * root, 1.5 * root, h - y
@@ -266,11 +368,10 @@ class ClusterBalance:
                 by_force.mean(axis=(0, 1)),
                 np.einsum("ncp,nc->p", by_phi, s) / n,
                 2.0 * np.einsum("ncp,nc->p", by_phi, phi) / n,
-                by_force[:, self._central].mean(axis=(0, 1)),
+                by_force[:, self.response.central].mean(axis=(0, 1)),
             ]
         )
         square = np.mean(phi**2, axis=1)
         miss = np.stack([force.mean(axis=1), np.mean(phi * s, axis=1), square], axis=1)
-        central = force[:, self._central]
-        ball = np.stack([central.mean(axis=1), np.mean(central > LEAST_CONTACT * f, axis=1)])
-        return miss, by, float(np.sum(square)), ball
+        central = force[:, self.response.central]
+        return miss, by, float(np.sum(square)), central.mean(axis=1), np.mean(central > LEAST_CONTACT * f, axis=1)

@@ -21,16 +21,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import Shape
 from granphon.base.threads import share_out
-from granphon.dynamics.cluster_response import ClusterResponse
-from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, Effective, find_modes
-from granphon.laws.cluster_points import ClusterPoints, PointSource
+from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, ClusterBalance, PointSource
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -66,39 +63,26 @@ _MISS = slice(4, 7)
 _LONG_SHARE = 0.4
 
 
-class Refined(NamedTuple):
-    """Means (4,) of which the first has the standard ``error``, and ``first`` means of a survey.
-
-    They are the force on the ball in the middle, in the lattice that the conditions ask for; this force in a lattice that is
-    nearly that one, its square, and the part of the contacts that carry force.
-    """
-
-    means: Array
-    error: float
-    first: Array
-
-
 class ClusterDescent:
-    """Realisations of a cluster without number, which correct the solutions of a balance of the ``few``.
+    """Realisations of a cluster without number, which correct the solutions of a ``balance`` of few.
 
     Descents of another ``seed`` share no point.
     """
 
-    def __init__(self, response: ClusterResponse, shape: Shape, few: ClusterPoints, seed: int = 0) -> None:
-        modes, self._values = find_modes(response)
-        self._vectors = modes / np.sqrt(self._values)
-        self._central = response.central
-        middle = response.central / np.count_nonzero(response.central)
+    def __init__(self, balance: ClusterBalance, shape: Shape, seed: int = 0) -> None:
+        self._values, self._vectors = balance.values, balance.modes / np.sqrt(balance.values)
+        self._central = central = balance.response.central
         #: weights of the mean over all contacts, and over those of the ball in the middle
-        self._weights = np.stack([np.full(len(middle), 1.0 / len(middle)), middle], axis=1).astype(np.float32)
-        self._source = PointSource(response, shape, many=True)
+        self._weights = np.stack(
+            [np.full(len(central), 1.0 / len(central)), central / np.count_nonzero(central)], axis=1
+        ).astype(np.float32)
+        self._source, self._seed = PointSource(balance.response, shape, many=True), seed
         # of a small cluster, of which a realisation takes less time, there are more
-        points = max(_LEAST_SET, 2 ** int(np.log2(_FIRST / len(middle))))
+        points = max(_LEAST_SET, 2 ** int(np.log2(_FIRST / len(central))))
         #: sets that are the same for all solutions
-        self._first = self._source.draw_enough([[seed, 0, number] for number in range(_LEAST_SETS)], points)
-        self._seed = seed
-        self._few = few.misfits.astype(np.float32), few.pushes.astype(np.float32)
-        self._half = len(few.misfits) // few.scrambles // 2
+        self._first = self._source.draw([[seed, 0, number] for number in range(_LEAST_SETS)], points)
+        self._few = balance.misfits.astype(np.float32), balance.pushes.astype(np.float32)
+        self._half = len(balance.misfits) // balance.sets // 2
 
     def evaluate_first(self, found: Balance, steps: tuple[int, ...] = (_MIDDLE, _LONG)) -> Array:
         """Return means (len(steps), sets, 7) of a survey after so many steps: of a few sets, the same for all solutions."""
@@ -111,7 +95,7 @@ class ClusterDescent:
         """
 
         def evaluate(number: int) -> Array:
-            (points,) = self._source.draw_enough([[self._seed, 0, number]], len(self._first[0][0]))
+            (points,) = self._source.draw([[self._seed, 0, number]], len(self._first[0][0]))
             means = np.zeros((len(found), 4))
             for row, one, count in zip(means, found, counts, strict=True):
                 if number < count:
@@ -120,10 +104,13 @@ class ClusterDescent:
 
         return np.array(share_out(evaluate, range(start, max(counts)))).reshape(-1, len(found), 4)
 
-    def refine(self, found: Balance, goal: float, number: int) -> Refined:
+    def refine(self, found: Balance, goal: float, number: int) -> tuple[Array, float, Array]:
         """Find means so good that the force has a relative standard error of ``goal``, if the most points that there are do.
 
-        Most points are those of the ``number``, from 1 on: no two share any of these.
+        Most points are those of the ``number``, from 1 on: no two share any of these. Returns means (4,), the standard error
+        of their first, and the means (2, sets, 4) of a survey after a middle and a long descent. They are the force on the
+        ball in the middle, in the lattice that the conditions ask for; this force in a lattice that is nearly that one, its
+        square, and the part of the contacts that carry force.
         """
         bound = goal * found.force
         few = self._evaluate(found, found.effective, *self._few, (_LONG,))[0]
@@ -136,7 +123,7 @@ class ClusterDescent:
         start, end = self._sample(found, found.effective, (_SHORT, _LONG), least, [number, 1], points, first[::2])
         variance += _find_variance(end - start)
         miss = np.mean(end, axis=0) - np.mean(few, axis=0)
-        now = Effective(*(found.effective - np.linalg.solve(found.matrix, miss[_MISS])).tolist())
+        now = found.effective - np.linalg.solve(found.matrix, miss[_MISS])
         left = np.sqrt(max(bound**2 - variance, 0.25 * variance))
         # sets are larger where there are many
         wanted = points * start.shape[0] * _find_variance(start) / left**2 / _AIM_SETS
@@ -145,10 +132,10 @@ class ClusterDescent:
         variance += _find_variance(many)
         equal = [found.force, found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
         means = np.mean(many[:, :4], axis=0) + np.mean(end - start, axis=0)[:4] + equal - np.mean(few, axis=0)[:4]
-        return Refined(means, float(np.sqrt(variance)), first[1:, :, :4])
+        return means, float(np.sqrt(variance)), first[1:, :, :4]
 
     def _sample(
-        self, found: Balance, now: Effective, steps: tuple[int, ...], bound: float, number: list[int], points: int,
+        self, found: Balance, now: Array, steps: tuple[int, ...], bound: float, number: list[int], points: int,
         known: Array | None = None,
     ) -> Array:  # fmt: skip
         """Return means of sets (len(steps), sets, 7), so many that their force has an error of ``bound``.
@@ -157,7 +144,7 @@ class ClusterDescent:
         """
 
         def draw(place: int) -> Array:
-            return self._find_means(found, now, *self._source.draw_enough([[self._seed, *number, place]], points)[0], steps)
+            return self._find_means(found, now, *self._source.draw([[self._seed, *number, place]], points)[0], steps)
 
         sets = [] if known is None else list(known.swapaxes(0, 1))
         wanted = _LEAST_SETS
@@ -170,17 +157,17 @@ class ClusterDescent:
             # with some left for the next estimate: this one is not exact
             wanted = min(max(len(sets) + 4, math.ceil(_NEXT * over * len(sets))), MOST_SETS)
 
-    def _find_means(self, found: Balance, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
+    def _find_means(self, found: Balance, now: Array, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
         """Return the means (len(steps), 7) of a set of points."""
         return np.asarray(np.mean(self._evaluate(found, now, misfits, pushes, steps), axis=1))
 
-    def _evaluate(self, found: Balance, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
+    def _evaluate(self, found: Balance, now: Array, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
         """Return for each realisation (len(steps), n, 7), after so many steps, what the solution has means of.
 
         First is the force on the ball in the middle less what the conditions miss, as their ``influence`` says; then that
         force alone, its square, the part of its contacts that carry force, and the three that the conditions miss.
         """
-        y, (f, kappa, tau) = found.y, now
+        y, (f, kappa, tau) = found.y, now.tolist()
         n_c = len(self._weights)
         size = max(1, _AT_ONCE // n_c)
         rows = np.empty((len(steps), len(misfits), 7))
@@ -198,11 +185,9 @@ class ClusterDescent:
                 row[part, _MISS] = miss
         return rows
 
-    def _descend(
-        self, y: float, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]
-    ) -> Iterator[Single]:
+    def _descend(self, y: float, now: Array, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Iterator[Single]:
         """Yield the overlaps h (n, n_c) after so many steps."""
-        f, kappa, tau = now
+        f, kappa, tau = now.tolist()
         free = misfits + np.float32(tau) * pushes
         stiff = 1.5 * np.sqrt(max(y, 0.0) + _STIFF * float(np.std(free)))
         move = (self._vectors * (self._values / (kappa * (1.0 - self._values) + stiff * self._values))) @ self._vectors.T

@@ -26,7 +26,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -119,17 +118,6 @@ class EffectiveCurve:
     far: Series
     places: Array
     tables: tuple[Array, Array, Array]
-
-    @classmethod
-    def of(cls, shape: Shape, xi: float, far: Series, places: Array, stiffness: Array, force: float) -> EffectiveCurve:
-        """Make a curve from the (s + 1, steps) table of k and the force at the lower end of the first step."""
-        rise = 2.0 * places[2] * places[1:]  # dy/dt, as a series
-        forces = _integrate_over_steps(stiffness, rise, force)
-        tables = _integrate_over_steps(forces, rise, 0.0), forces, stiffness
-        # the curve and the series differ here by rounding alone; scaling the curve removes the jump
-        scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
-        energy, force_table, stiffness = (read_only(scale * table) for table in tables)
-        return cls(shape, xi, far, read_only(places), (energy, force_table, stiffness))
 
     @cached_property
     def least_force(self) -> float:
@@ -266,34 +254,25 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 
     Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium is valid.
     """
-    stages, tolerance = _STAGES, _LAST_COEFFICIENTS
     if shape.openings.size >= _MANY_OPENINGS:
-        stages, tolerance = _STAGES_OF_SHORT, _LAST_OF_SHORT
-    return solve_curve(shape, xi, stages, tolerance)
+        return solve_curve(shape, xi, _STAGES_OF_SHORT, _LAST_OF_SHORT)
+    return solve_curve(shape, xi, _STAGES, _LAST_COEFFICIENTS)
 
 
-class RadauRule(NamedTuple):
-    """Collocation rule on [-1, 1]: ``points`` (s + 1,) are the s Radau points, which include -1, followed by +1.
+def radau(stages: int) -> tuple[Array, Array, Array]:
+    """Return the collocation rule on [-1, 1] with s = ``stages`` Radau points.
 
-    Both matrices act on values at the points: ``derivative`` (s, s + 1) gives the derivative of the interpolating polynomial
-    at the Radau points, ``coefficients`` (s + 1, s + 1) its Chebyshev series.
+    First are the ``points`` (s + 1,): those s, which include -1, followed by +1. Two matrices act on values at the points:
+    the first (s, s + 1) gives the derivative of the interpolating polynomial at the Radau points, the second
+    (s + 1, s + 1) its Chebyshev series.
     """
-
-    points: Array
-    derivative: Array
-    coefficients: Array
-
-
-@lru_cache(maxsize=16)
-def radau(stages: int) -> RadauRule:
-    """Return the collocation rule with s = ``stages`` Radau points."""
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(stages - 1, 0.0, 1.0)[0] if stages > 1 else np.empty(0)
     points = np.concatenate([[-1.0], inner, [1.0]])
     inverse = np.linalg.inv(chebyshev.chebvander(points, stages))
     slopes = np.stack([chebyshev.chebval(points[:-1], chebyshev.chebder(column)) for column in inverse.T], axis=1)
-    return RadauRule(points, slopes, inverse)
+    return points, slopes, inverse
 
 
 def solve_curve(
@@ -306,7 +285,7 @@ def solve_curve(
     Raises :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
-    rule, far = radau(stages), high_pressure_series(shape, xi)
+    (points, derivative, coefficients), far = radau(stages), high_pressure_series(shape, xi)
     # the initial steps in ascending order, each as (origin, lower root, upper root)
     pending: list[tuple[float, float, float]] = []
     ends = [*shape.openings.tolist(), far.start]
@@ -327,20 +306,20 @@ def solve_curve(
             pending[-1:] = _halve(pending[-1])
             continue
         steps = [step for step in pending[: -count - 1 : -1] if step[:2] != (first, 0.0)]
-        block = Block.of(steps, rule.points)
+        block = Block.of(steps, points)
         # of a density one at a time: steps are long and few, and to halve one would make the work on those below useless
         if (fewer := averages.count(block) if averages else 1) < len(steps):
             count = fewer
             continue
-        balls = averages.balls(block) if averages else DensityBalls.of(shape, xi, order, block)
+        balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
         # k/<K^Q> is smooth: start from that of the last attempt, or from a constant
         ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-        found = _relax(balls, rule, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
+        found = _relax(balls, derivative, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
         if found is None:
             rough = np.ones(len(steps), bool)
         else:
             k, forces = found
-            table = k @ rule.coefficients.T
+            table = k @ coefficients.T
             rough = np.max(np.abs(table[:, -2:]), axis=1) > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
         hopeless = np.any((block.half < _SHORTEST * block.middle)[rough])
         if len(steps) > 1 and (found is None or hopeless):
@@ -366,7 +345,14 @@ def solve_curve(
         del pending[-len(steps) :]
         count, guess = 2 * count, None
     where, stiffness = (np.ascontiguousarray(np.concatenate(parts)[::-1].T) for parts in (places, series))
-    return EffectiveCurve.of(shape, xi, far, where, stiffness, force)
+    # force and energy are integrals
+    rise = 2.0 * where[2] * where[1:]  # dy/dt, as a series
+    forces = _integrate_over_steps(stiffness, rise, force)
+    # the curve and the series differ here by rounding alone; scaling the curve removes the jump
+    scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
+    energies = _integrate_over_steps(forces, rise, 0.0)
+    energies, forces, stiffness = (read_only(scale * table) for table in (energies, forces, stiffness))
+    return EffectiveCurve(shape, xi, far, read_only(where), (energies, forces, stiffness))
 
 
 def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]:
@@ -375,16 +361,16 @@ def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]
 
 
 def _relax(
-    balls: DensityBalls | PointBalls, rule: RadauRule, block: Block, k: Array, top: float
+    balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
 ) -> tuple[Array, Array] | None:
     """Find k at the points of a block and the force at the lower ends, by Newton's method from ``k``; None if it fails."""
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
-    inner, last = rule.derivative[:, :-1], rule.derivative[:, -1]
+    inner, last = derivative[:, :-1], derivative[:, -1]
     k[:, -1] = np.append(top, k[:-1, 0])
     for _ in range(30):
         force, by_k, _ = balls.balance(k)
         matrix = inner * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner))
-        miss = (k - balls.known)[:, :-1] * rise - force @ rule.derivative.T
+        miss = (k - balls.known)[:, :-1] * rise - force @ derivative.T
         try:
             both = np.linalg.solve(matrix, np.stack([miss, -last * by_k[:, -1:]], axis=-1))
         except np.linalg.LinAlgError:

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +32,7 @@ _HERTZ = (0.4, 1.0, 1.5, 0.75)
 #: y over the largest deviation x, from which the series is used
 _SERIES_START = 12.0
 #: number of terms of the series
-_TERMS = 16
+TERMS = 16
 #: depth y + max(x) above the first contact, over max(x), from which doubles hold eight digits of the force
 _LEAST_DEPTH = 1e-8
 #: nodes on either side for a count of closed contacts: a count has a kink that the choice of nodes does not allow for
@@ -65,7 +65,7 @@ class Series(NamedTuple):
 
     def excess(self, y: Array) -> tuple[Array, Array]:
         """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel, are left out."""
-        powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
+        powers = (self.scale / y[:, None]) ** np.arange(TERMS)
         slopes = powers * _compute_factors(STIFFNESS)
         more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
         return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[:, None]
@@ -73,7 +73,7 @@ class Series(NamedTuple):
 
 def _compute_factors(order: int) -> Array:
     """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another derivative of the energy."""
-    n = np.arange(_TERMS)
+    n = np.arange(TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
 
 
@@ -85,7 +85,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     the unknown force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher orders only.
     To second order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
-    n = np.arange(_TERMS)
+    n = np.arange(TERMS)
     scale = max(map(abs, shape.bounds)) or 1.0
     x, weights = shape.nodes(_SERIES_START * scale)
     x = x / scale
@@ -97,7 +97,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     if math.isinf(xi):
         return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
     powers = _compute_factors(STIFFNESS)
-    mean, inverse = np.zeros(_TERMS), np.zeros_like(balls)
+    mean, inverse = np.zeros(TERMS), np.zeros_like(balls)
     mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
     for m in n[1:]:
         terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
@@ -280,30 +280,16 @@ class SpreadLaw(ABC):
 # -- laws that are solved as a curve ---------------------------------------------------------------------------------
 
 
-class _Curve(Protocol):
-    """A reduced law f*(y) from the overlap ``start``, of the force ``least_force``, on."""
-
-    @property
-    def start(self) -> float: ...
-
-    @property
-    def least_force(self) -> float: ...
-
-    @property
-    def far(self) -> Series: ...
-
-    def value(self, y: Array, order: int) -> Any: ...
-
-    def overlap(self, force: Array) -> Any: ...
-
-
 class CurveLaw(SpreadLaw):
     """A law of balls that differ whose reduced law is a curve; below its least force it is a :class:`PrecisionError`."""
 
     @property
     @abstractmethod
-    def curve(self) -> _Curve:
-        """Reduced law, in units of W and c W^(3/2)."""
+    def curve(self) -> Any:
+        """Reduced law, in units of W and c W^(3/2), from the overlap ``start``, of the force ``least_force``, on.
+
+        It has ``value(y, order)``, ``overlap(force)`` and the series ``far`` above it.
+        """
 
     #: f* from which the medium is valid, and what messages call it
     _valid_force: float
@@ -317,7 +303,7 @@ class CurveLaw(SpreadLaw):
     def _energy_offset(self) -> float:
         # what the curve has more than the series, at the overlap where they meet
         curve = self.curve
-        return float(curve.value(np.array(curve.far.start), ENERGY)) - curve.far.value(curve.far.start, ENERGY)
+        return float(curve.value(np.array(curve.far.start), ENERGY) - curve.far.value(curve.far.start, ENERGY))
 
     def _refuse(self, what: str) -> PrecisionError:
         """Return the error that ``what`` is below the curve."""

@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.arguments import real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
-from granphon.base.validation import lengths, require, truth
+from granphon.base.validation import lengths, real_array, require, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]

@@ -18,10 +18,10 @@ from phonopy.phonon.tetrahedron_method import get_integration_weights
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.arguments import grid_numbers, positive, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.base.text import counted
+from granphon.base.validation import grid_numbers, positive, real_array, whole_number
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.network_state import as_state, given_state

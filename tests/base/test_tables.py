@@ -127,12 +127,6 @@ def test_files_that_cannot_be_read(tmp_path):
         Table.read(tmp_path / "wide.csv")
 
 
-def test_a_long_column_is_not_read_cell_by_cell(tmp_path, monkeypatch):
-    found = table(tmp_path, "size (mm)\n" + "8.25\n" * 5000)
-    monkeypatch.setattr(Quantity, "read", None)
-    np.testing.assert_array_equal(found.column("size", LENGTH), np.full(5000, 8.25e-3))
-
-
 @pytest.mark.parametrize("bad", ["0", "-1", "1e400", "1e-400", "nan", "8,5", "eight", "1" * 101, "1e-324", ""])
 def test_a_bad_cell_among_many_is_told_as_alone(tmp_path, bad):
     alone, among = (

@@ -135,8 +135,7 @@ def test_a_picture_that_fails_half_way_leaves_nothing(command, work, capsys, mon
         path.write_bytes(b"half")
         raise ValueError("the ink is out")
 
-    monkeypatch.setattr(Figure, "savefig", fail)
-    monkeypatch.setattr(FuncAnimation, "save", fail)
+    monkeypatch.setattr(*((Figure, "savefig") if command == "mode" else (FuncAnimation, "save")), fail)
     before = files(work)
     name = "mode.png" if command == "mode" else "mode.gif"
     assert main([command, "scene.yaml", "--at", "K", "--cells", "1 1", "-o", name]) == 1

@@ -27,9 +27,9 @@ def rows(text: str) -> dict[str, str]:
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Try one optional package."""
-    monkeypatch.setattr(doctor, "OPTIONAL", {"threadpoolctl": "threadpoolctl"})
+def quick(request, monkeypatch):
+    """Try one optional package, or those that a test names."""
+    monkeypatch.setattr(doctor, "OPTIONAL", getattr(request, "param", {"threadpoolctl": "threadpoolctl"}))
 
 
 def test_doctor_tells_versions_threads_memory_and_fonts(quick, capsys, monkeypatch):
@@ -83,11 +83,11 @@ def test_doctor_lists_what_the_project_depends_on():
         ("import sys\nsys.exit(3)", "cannot be imported: no reason is given"),
     ],
 )
-def test_doctor_says_which_optional_package_is_broken(code, said, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("quick", [{"a broken one": "brokenpackage", "an absent one": "absentpackage"}], indirect=True)
+def test_doctor_says_which_optional_package_is_broken(code, said, quick, tmp_path, monkeypatch, capsys):
     (tmp_path / "brokenpackage.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
-    monkeypatch.setattr(doctor, "OPTIONAL", {"a broken one": "brokenpackage", "an absent one": "absentpackage"})
     assert main(["doctor"]) == 0
     found = rows(capsys.readouterr().out)
     assert found["a broken one"] == f"there, its version is not known, but {'it ' if 'cannot' in said else ''}{said}"

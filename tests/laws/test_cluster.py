@@ -19,9 +19,8 @@ from granphon.laws import cluster as curves
 from granphon.laws import cluster_balance as balances
 from granphon.laws import cluster_descent as descents
 from granphon.laws.cluster import VALID_FORCE
-from granphon.laws.cluster_balance import ClusterBalance, Effective
+from granphon.laws.cluster_balance import ClusterBalance, PointSource
 from granphon.laws.cluster_descent import ClusterDescent
-from granphon.laws.cluster_points import ClusterPoints, PointSource, draw_points
 from granphon.media.choice import MediumChoice
 from granphon.runs.workers import Workers
 
@@ -64,6 +63,15 @@ def full_points(few_points):
 @pytest.fixture(scope="module")
 def medium(few_points):
     return gp.ClusterMedium(PACKING)
+
+
+def draw(response, points, scrambles, first=0):
+    """Sets of realisations of a flat distribution."""
+    return PointSource(response, FLAT).draw(range(first, first + scrambles), points)
+
+
+#: f, kappa and tau at y = 0.3, about
+START = (0.19, 0.63, 0.08)
 
 
 # -- the lattice around the cluster -----------------------------------------------------------------------------------
@@ -174,7 +182,7 @@ def test_response_is_that_of_large_periodic_arrays():
 def test_reduced_equilibrium_is_that_of_the_whole_array():
     """One realisation: a periodic array of which only the cluster is not linear, with given tensions outside."""
     rng = np.random.default_rng(4)
-    array, now, y = Array2D(12), Effective(0.06, 0.3, 1.0), 0.1
+    array, f, kappa, y = Array2D(12), 0.06, 0.3, 0.1
     inside, central = array.find_cluster(1)
     x = rng.uniform(-0.5, 0.5, array.side**2)
     outer = 0.05 * rng.normal(size=array.i.size)
@@ -186,8 +194,8 @@ def test_reduced_equilibrium_is_that_of_the_whole_array():
     for _ in range(100):
         h = y + strain - array.free @ u
         closed = np.maximum(h, 0.0)
-        force = np.where(within, closed**1.5, now.force + now.stiffness * (h - y) + outer)
-        slope = np.where(within, 1.5 * np.sqrt(closed), now.stiffness)
+        force = np.where(within, closed**1.5, f + kappa * (h - y) + outer)
+        slope = np.where(within, 1.5 * np.sqrt(closed), kappa)
         pull = array.free.T @ force
         if np.max(np.abs(pull)) < 1e-13:
             break
@@ -195,11 +203,11 @@ def test_reduced_equilibrium_is_that_of_the_whole_array():
     assert np.min(h[inside]) < 0.0 < np.max(h[inside])
     # the reduced problem, of the same array
     columns = array.response(inside)
-    pushes = -array.project(outer)[inside] / now.stiffness
+    pushes = -array.project(outer)[inside] / kappa
     p = 0.5 * (columns[inside] + columns[inside].T)
     response = ClusterResponse(7, p, np.zeros((12, 7)), np.eye(12), p - p @ p, central)
-    points = ClusterPoints(array.misfit(x)[inside][None], pushes[None], 1)
-    found = ClusterBalance(response, points).overlaps(y, now)[0]
+    balance = ClusterBalance(response, [(array.misfit(x)[inside][None], pushes[None])])
+    found = balance.relax(y, (f, kappa, 1.0))[0]
     assert_allclose(found, h[inside], atol=3e-6)  # balls are held by 1e-6 of the stiffness
 
 
@@ -233,23 +241,31 @@ def test_tensions_outside_push_as_if_they_were_independent(spacing, variance):
 # -- the balance --------------------------------------------------------------------------------------------------------
 
 
-def test_points_have_the_moments_of_the_array():
+@pytest.mark.parametrize(("many", "room"), [(False, 1e-7), (True, 2e-6)])
+@pytest.mark.parametrize("shape", [FLAT, gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2)).shape], ids=["flat", "skew"])
+def test_sets_have_the_moments_of_the_array_and_share_no_point(shape, many, room):
+    """Scrambles, or many shifts of one net, in single precision."""
     response = cluster_response(TRIANGULAR, 0.0)
-    points = draw_points(response, FLAT, 256, 3)
-    for part in np.split(np.arange(768), 3):
-        s, m = points.misfits[part], points.pushes[part]
-        assert_allclose(s.mean(axis=0), 0.0, atol=1e-14)
-        assert_allclose(s.T @ s / 256, response.misfit / 12.0, atol=1e-7)
-        assert_allclose(m.T @ m / 256, response.remote, atol=1e-7)
-        assert_allclose(s.T @ m / 256, 0.0, atol=1e-12)
-    again = draw_points(response, FLAT, 256, 3)
-    assert_array_equal(points.misfits, again.misfits)
+    sets = PointSource(response, shape, many).draw([1, 2], 512)
+    for s, m in sets:
+        assert s.dtype == m.dtype == (np.float32 if many else np.float64)
+        assert_allclose(s.mean(axis=0), 0.0, atol=room)
+        assert_allclose(s.T @ s / 512, response.misfit / 12.0, atol=room)
+        assert_allclose(m.T @ m / 512, response.remote, atol=room)
+        assert_allclose(s.T @ m / 512, 0.0, atol=room)
+    (s, one), (_, other) = sets
+    assert np.min(np.max(np.abs(one[:, None] - other), axis=2)) > 1e-4
+    # the third moment: zero of the one, and not of the other
+    third = np.mean(s**3) / np.mean(s**2) ** 1.5
+    assert abs(third) < 1e-6 if shape is FLAT else third > 0.01
+    for part, again in zip(sets[0], PointSource(response, shape, many).draw([1], 512)[0], strict=True):
+        assert_array_equal(part, again)
 
 
 def test_slopes_are_differences_of_solutions():
     response = cluster_response(TRIANGULAR, 0.0)
-    balance = ClusterBalance(response, draw_points(response, FLAT, 64, 2))
-    start = balance.solve(0.6, Effective(0.48, 1.13, 0.05))
+    balance = ClusterBalance(response, draw(response, 64, 2))
+    start = balance.solve(0.6, (0.48, 1.13, 0.05))
     step = 1e-4
     low, middle, high = (balance.solve(y, start.effective) for y in (0.6 - step, 0.6, 0.6 + step))
     difference = (np.array(high.effective) - np.array(low.effective)) / (2.0 * step)
@@ -259,15 +275,14 @@ def test_slopes_are_differences_of_solutions():
 
 def test_the_conditions_hold():
     response = cluster_response(TRIANGULAR, 0.0)
-    points = draw_points(response, FLAT, 64, 2)
-    balance = ClusterBalance(response, points)
-    found = balance.solve(0.2, Effective(0.12, 0.5, 0.1))
+    balance = ClusterBalance(response, draw(response, 64, 2))
+    found = balance.solve(0.2, (0.12, 0.5, 0.1))
     f, kappa, tau = found.effective
-    h = balance.overlaps(0.2, found.effective)
+    h = balance.relax(0.2, found.effective)
     force = np.maximum(h, 0.0) ** 1.5
     phi = force - f - kappa * (h - 0.2)
     assert_allclose([force.mean(), h.mean()], [f, 0.2], rtol=1e-6)  # no mean breathing either
-    assert abs(np.mean(phi * points.misfits)) < 1e-7
+    assert abs(np.mean(phi * balance.misfits)) < 1e-7
     assert_allclose(np.sqrt(np.mean(phi**2)), kappa * tau, rtol=1e-5)
     assert_allclose(found.force, force[:, response.central].mean(), rtol=1e-6)
     assert found.force < f  # the rim carries more
@@ -282,10 +297,10 @@ def test_second_order_at_high_load_is_exact(lattice, balls):
     if lattice is TRIANGULAR:
         r = local_field(mindlin_ratio=0.0).xi / (1.0 + local_field(mindlin_ratio=0.0).xi)
         assert_allclose(1.0 - star, r, rtol=1e-6)
-    balance = ClusterBalance(response, draw_points(response, FLAT, 64, 1))
+    balance = ClusterBalance(response, draw(response, 64, 1))
     rest = []
     for y in (8.0, 16.0):
-        found = balance.solve(y, Effective(y**1.5, 1.5 * y**0.5, 0.01))
+        found = balance.solve(y, (y**1.5, 1.5 * y**0.5, 0.01))
         rest.append((found.force / y**1.5 - 1.0) * 64.0 * y**2 / (1.0 - star) - 1.0)
     assert abs(rest[1]) < 1e-3
     assert abs(rest[1]) < 0.3 * abs(rest[0])  # the fourth order is next
@@ -297,8 +312,8 @@ def test_quadrature_error_is_that_of_the_points():
     response = cluster_response(TRIANGULAR, 0.0)
 
     def solve(points):
-        balance = ClusterBalance(response, draw_points(response, FLAT, points, 8))
-        found = [balance.solve(0.3, Effective(0.19, 0.63, 0.08))]
+        balance = ClusterBalance(response, draw(response, points, 8))
+        found = [balance.solve(0.3, START)]
         return [found[0], balance.step(found[0], 0.1)]
 
     few, more, most = (solve(points) for points in (64, 256, 1024))
@@ -311,12 +326,12 @@ def test_quadrature_error_is_that_of_the_points():
 
 def test_descent_comes_near_the_equilibrium():
     response = cluster_response(TRIANGULAR, 0.0)
-    points = draw_points(response, FLAT, 256, 2)
-    balance, descent = ClusterBalance(response, points), ClusterDescent(response, FLAT, points)
-    found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
+    balance = ClusterBalance(response, draw(response, 256, 2))
+    descent = ClusterDescent(balance, FLAT)
+    found = balance.solve(0.3, START)
     for y, steps, near in ((0.3, 15, 1e-3), (0.3, 50, 2e-5), (0.1, 15, 0.01), (0.1, 50, 1e-4)):
         found = balance.step(found, y)
-        h = balance.overlaps(y, found.effective)
+        h = balance.relax(y, found.effective)
         (after,) = descent._descend(y, found.effective, *descent._few, (steps,))
         closed = np.maximum(h, 0.0) ** 1.5
         assert np.sqrt(np.mean((after - h)[h > 0.0] ** 2)) < near
@@ -335,58 +350,37 @@ def test_many_realisations_take_the_quadrature_error_off(lattice):
     response = cluster_response(lattice, 0.0)
 
     def solve(first):
-        few = draw_points(response, FLAT, 64, 16, first)
-        balance, descent = ClusterBalance(response, few), ClusterDescent(response, FLAT, few, first)
-        found = [balance.solve(0.3, Effective(0.19, 0.63, 0.08))]
+        balance = ClusterBalance(response, draw(response, 64, 16, first))
+        descent = ClusterDescent(balance, FLAT, first)
+        found = [balance.solve(0.3, START)]
         found.append(balance.step(found[0], 0.1))
         return found, [descent.refine(one, 4e-4, number) for number, one in enumerate(found, 1)]
 
     (few, one), (_, other) = solve(0), solve(100)
-    for before, a, b in zip(few, one, other, strict=True):
-        (force, ball, square, contacts), error = a.means, a.error
+    for before, (means, error, _), (again, chance, _) in zip(few, one, other, strict=True):
+        force, ball, square, contacts = means
         assert error <= 4e-4 * before.force
-        assert abs(force - b.means[0]) < 4.0 * np.hypot(error, b.error)
+        assert abs(force - again[0]) < 4.0 * np.hypot(error, chance)
         assert abs(force - before.force) < 4.0 * np.hypot(error, before.error * before.force)
         assert_allclose(ball, force, rtol=3e-3)
-        assert_allclose([square, contacts], b.means[2:], rtol=5e-3)
+        assert_allclose([square, contacts], again[2:], rtol=5e-3)
         assert_allclose(square, force**2 * (1.0 + before.fluctuation**2), rtol=0.02)
-
-
-def test_many_sets_have_the_moments_of_the_array_and_share_no_point():
-    """Shifts of one net: of a distribution that is symmetric, and of one that is not."""
-    response = cluster_response(TRIANGULAR, 0.0)
-    for shape in (FLAT, gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2)).shape):
-        source = PointSource(response, shape, many=True)
-        one, other = source.draw_enough([[0, 1], [0, 2]], 512)
-        for s, m in (one, other):
-            assert s.dtype == m.dtype == np.float32
-            assert_allclose(s.mean(axis=0), 0.0, atol=1e-6)
-            assert_allclose(s.T @ s / 512, response.misfit / 12.0, atol=2e-6)
-            assert_allclose(m.T @ m / 512, response.remote, atol=2e-6)
-            assert_allclose(s.T @ m / 512, 0.0, atol=2e-6)
-        assert np.min(np.max(np.abs(one[1][:, None] - other[1]), axis=2)) > 1e-4
-        # the third moment: zero of the one, and not of the other
-        third = np.mean(one[0] ** 3) / np.mean(one[0] ** 2) ** 1.5
-        assert abs(third) < 1e-6 if shape is FLAT else third > 0.01
 
 
 @pytest.mark.parametrize("processors", [2, 5])
 def test_the_number_of_threads_changes_no_digit(processors, monkeypatch):
     response = cluster_response(TRIANGULAR, 0.0)
-    few = draw_points(response, FLAT, 64, 2)
+    monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
 
     def solve(count):
         monkeypatch.setattr(threads, "count_processors", lambda: count)
-        monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
-        balance, descent = ClusterBalance(response, few), ClusterDescent(response, FLAT, few)
-        found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
-        return found, descent.refine(found, 1e-3, 1)
+        balance = ClusterBalance(response, draw(response, 64, 2))
+        found = balance.solve(0.3, START)
+        means, error, _ = ClusterDescent(balance, FLAT).refine(found, 1e-3, 1)
+        return found.effective, found.realisations, means, error
 
-    (one, refined), (other, again) = solve(1), solve(processors)
-    assert one.effective == other.effective
-    assert_array_equal(one.realisations, other.realisations)
-    assert_array_equal(refined.means, again.means)
-    assert refined.error == again.error
+    for one, other in zip(solve(1), solve(processors), strict=True):
+        assert_array_equal(one, other)
 
 
 def test_work_is_shared_out_in_order_and_its_errors_are_raised(monkeypatch):
@@ -441,11 +435,10 @@ def test_quadrature_leaves_less_than_a_ten_thousandth_of_the_force(lattice, ball
 @pytest.mark.claim("cluster-without-push")
 def test_without_the_push_from_outside_the_force_is_too_small():
     response = cluster_response(TRIANGULAR, 0.0)
-    points = draw_points(response, FLAT, 256, 4)
     off = []
-    for pushes in (points.pushes, np.zeros_like(points.pushes)):
-        balance = ClusterBalance(response, ClusterPoints(points.misfits, pushes, 4))
-        found = [balance.solve(0.5, Effective(0.37, 1.02, 0.02))]
+    for push in (1.0, 0.0):
+        balance = ClusterBalance(response, [(s, push * m) for s, m in draw(response, 256, 4)])
+        found = [balance.solve(0.5, (0.37, 1.02, 0.02))]
         for y in (0.2, 0.0):
             found.append(balance.step(found[-1], y))
         off.append([one.force for one in found[1:]])

@@ -490,10 +490,10 @@ def test_long_lots_with_more_stages_and_half_the_steps(name):
 @pytest.mark.parametrize("first", [-1, 1200, 60])
 def test_sums_over_near_and_far_contacts_at_thirty_digits(first):
     # the last of these openings, all contacts closed; in the midst of the others; few contacts closed
-    shape, rule = lot(50, 7, "normal"), effective.radau(4)
+    shape, points = lot(50, 7, "normal"), effective.radau(4)[0]
     ends = [*shape.openings, 20.0]
     steps = [(ends[i], 0.25 * (ends[i + 1] - ends[i]) ** 0.5, (ends[i + 1] - ends[i]) ** 0.5) for i in range(len(ends) - 1)]
-    block = Block.of(steps[first : first - 9 if first > 0 else None : -1], rule.points)
+    block = Block.of(steps[first : first - 9 if first > 0 else None : -1], points)
     averages = PointAverages(shape, 1.0)
     balls = averages.balls(block)
     with mpmath.workdps(30):
@@ -507,7 +507,7 @@ def test_sums_over_near_and_far_contacts_at_thirty_digits(first):
 
         for step, ball in itertools.product((0, len(block.root) - 1), (0, 20, 49)):
             origin, low, high = block.origin[step, 0], block.middle[step, 0], block.half[step, 0]
-            ends_of = [powers(ball, mpmath.mpf(low) + mpmath.mpf(high) * mpmath.mpf(t), origin) for t in (*rule.points, 1.0)]
+            ends_of = [powers(ball, mpmath.mpf(low) + mpmath.mpf(high) * mpmath.mpf(t), origin) for t in (*points, 1.0)]
             top = ends_of[-1]
             for i, (stiffness, force) in enumerate(ends_of[:-1]):
                 assert balls.stiffness[ball, step, i] == pytest.approx(float(stiffness), rel=1e-14)

@@ -18,16 +18,15 @@ from ase.vibrations import VibrationsData
 
 import granphon as gp
 from granphon.base.errors import InputError
+from tests.phonons import conftest
+from tests.phonons.conftest import DIAMETER, STEEL
 
-DIAMETER = 8e-3
-STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 ARRAYS = ("diameter_deviations", "displacements", "slip_origin", "rotations", "radius", "granphon_scales", "granphon_kind")
 SCALES = ("granphon_length_m", "granphon_stiffness_N_per_m", "granphon_mass_kg")
 
 
-def at_overlap(relative=0.02, friction=True, lattice="triangular", finite_overlap=None):
-    packing = gp.Packing(STEEL, DIAMETER, lattice=lattice, friction=friction)
-    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
+def at_overlap(relative=0.02, **options):
+    return conftest.at_overlap(relative, **options)
 
 
 def marked(state, shape=(3, 2, 1)):
@@ -321,18 +320,17 @@ def test_database_rows_carry_the_arrays_as_data(tmp_path):
     assert gp.HertzMindlin(state).get_property("energy", back) == gp.HertzMindlin(state).get_property("energy", balls)
 
 
-@pytest.mark.parametrize("arrays", [ARRAYS])
 # ASE warns that the height of a cell that is not periodic has no place in this format
 @pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
-def test_netcdf_keeps_named_arrays(tmp_path, arrays):
+def test_netcdf_keeps_named_arrays(tmp_path):
     from ase.io.netcdftrajectory import NetCDFTrajectory
 
     balls = marked(at_overlap())
     with NetCDFTrajectory(tmp_path / "balls.nc", "w") as file:
-        file.write(balls, arrays=list(arrays))
+        file.write(balls, arrays=list(ARRAYS))
     with NetCDFTrajectory(tmp_path / "balls.nc", "r") as file:
         back = file[0]
-    for name in arrays:
+    for name in ARRAYS:
         np.testing.assert_array_equal(back.arrays[name], balls.arrays[name], err_msg=name)
     # positions go through cell lengths and angles in single precision, and masses and scales are lost
     np.testing.assert_allclose(back.positions, balls.positions, atol=1e-6)

