@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
-from granphon.base.reading import require_path
 from granphon.base.scales import Units
+from granphon.base.text import require_path
 
 if TYPE_CHECKING:
     from ase import Atoms

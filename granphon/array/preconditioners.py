@@ -70,6 +70,7 @@ class Preconditioners:
         self._factors: Inverse | None = None
         self._spent = 0
         self._first: int | None = None  # iterations of the first system with the factors
+        self._fresh = False  # whether the factors are those of the system chosen last
         self._changing = False  # whether stiffnesses change so much that factors pay for each system anew
 
     def choose(self, stiffness: Array, hard: bool = False, product: ContactHessian | None = None) -> Inverse:
@@ -77,7 +78,8 @@ class Preconditioners:
 
         ``product`` is that with C^T K C, if it is at hand.
         """
-        if (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
+        self._fresh = (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness)
+        if self._fresh:
             self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
             i, j = self._stencils.ends_of_rows()
             head, tail = self._stencils.coefficients
@@ -94,8 +96,13 @@ class Preconditioners:
                 self._spent = max(self._spent, _PATIENCE)
 
     def find_patience(self, stiffness: Array) -> int | None:
-        """Return the iterations with the preconditioner chosen last that cost as much as factors; None without factors."""
-        return _PATIENCE // (_SOLUTION if self._factors else 1) if self._may_factorise(stiffness) else None
+        """Return the iterations with the preconditioner chosen last that cost as much as factors.
+
+        It is None if these cannot be made, or have just been.
+        """
+        if self._fresh or not self._may_factorise(stiffness):
+            return None
+        return _PATIENCE // (_SOLUTION if self._factors else 1)
 
     @property
     def are_small(self) -> bool:

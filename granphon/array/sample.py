@@ -19,10 +19,10 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
+from granphon.base.validation import whole_number
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 

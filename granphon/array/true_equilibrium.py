@@ -151,25 +151,28 @@ class TrueEquilibrium(Equilibrium):
         more = bend - place.lose(place.geometry.split(Motion(find(place.geometry.join(push, *_STILL)), 0.0))[0])
         return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
 
-    def find_negative_curvature(self, inverse: Inverse, patience: int | None = None) -> tuple[Array | None, int]:
+    def find_negative_curvature(
+        self, choose: Callable[[], Inverse], patience: int | None = None
+    ) -> tuple[Array | None, int]:
         """Return a motion of the balls along which the curvature of the energy is below zero, None if there is none.
 
         The overlap y is kept. Conjugate gradients look for the response to random forces, of which each contact bears as
         much energy along its direction as across; while they do, they meet such a motion. The number is that of iterations;
-        ``inverse`` is that of the array. After ``patience`` iterations factors are tried, where they are small; by default
-        at once if they take less time than some iterations.
+        ``choose`` returns a preconditioner. After ``patience`` iterations factors are tried, where they are small; by
+        default at once if they take less time than the iterations: of few balls, or where many contacts are open.
         """
         acting, balls = self._act(min(self.residual, _LEAST_TOLERANCE)), self.deviations.size
         may_factorise = len(self.stencils.shape) == 2 and balls <= MOST_BALLS[1]
         if patience is None:
-            patience = 0 if balls <= _PROBED_AT_ONCE else _PROBE_PATIENCE
+            closed = float(np.mean(acting.springs > 0.0))
+            patience = 0 if balls <= _PROBED_AT_ONCE or closed <= _MOST_STIFF else _PROBE_PATIENCE
         if may_factorise and not patience and self._has_pivots_above_zero(acting):
             return None, 0
         down, generator, taken = list[Array](), np.random.default_rng(0), 0
         along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
         push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
-        product = self.place.multiply(acting.springs, acting.forces)
+        product, inverse = self.place.multiply(acting.springs, acting.forces), choose()
 
         def apply(vector: Array) -> Array:
             motion = Motion(vector.reshape(self.balls.shape), 0.0)
@@ -281,6 +284,7 @@ def equilibrate_exactly(
     state = path.part() or path.lead()
     found = replace(state, newton=start.newton + path.newton, conjugate=start.conjugate + path.conjugate)
     vars(found)["place"] = state.place
+    geometry.held.forget()  # many samples may be kept, each with a large Green's function
     return found.share(deviations, stencils)
 
 
@@ -400,10 +404,17 @@ class _Path:
             residual=trial.left, lattice=stencils.lattice, ratio=geometry.ratio,
         )  # fmt: skip
         vars(state).update(stencils=stencils, place=geometry.place(state.balls, state.overlap))
-        inverse = self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
-        down, conjugate = state.find_negative_curvature(inverse)
+        down, conjugate = state.find_negative_curvature(
+            lambda: self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
+        )
         self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
-        stable = down is None or trial.bend(down) >= 0.0
+        stable = True
+        if down is not None:  # with all contacts that touch
+            stiffness, none = 1.5 * trial.root, np.zeros((0, *trial.root.shape))
+            change, _ = trial.place.respond(
+                Motion(down, 0.0), lambda loss, slip: (stiffness * loss, slip), trial.forces, none
+            )
+            stable = dot(change, down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
             return trial, state
         if not stable:  # go down from the saddle, on the way along which the curvature is below zero
@@ -443,9 +454,3 @@ class _Trial:
     def slope(self, step: Motion) -> float:
         """Return the slope of the energy along a step."""
         return float(-np.sum(self.pull * step.balls) - self.push * step.compression)
-
-    def bend(self, way: Array) -> float:
-        """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""
-        stiffness, none = 1.5 * self.root, np.zeros((0, *self.root.shape))
-        change, _ = self.place.respond(Motion(way, 0.0), lambda loss, slip: (stiffness * loss, slip), self.forces, none)
-        return dot(change, way)

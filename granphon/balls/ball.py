@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from granphon.balls.material import Material
-from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
-from granphon.base.validation import label, require
+from granphon.base.validation import label, positive, require
 
 
 class Body(Protocol):

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import HertzLaw
-from granphon.base.arguments import not_negative, positive, real_array
 from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import not_negative, positive, real_array
 
 Array = NDArray[np.float64]
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives

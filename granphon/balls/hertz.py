@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.material import Material
-from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, message
+from granphon.base.validation import positive, real_array
 
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
 #: "much larger" is taken to mean

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.notebook import write_html
 from granphon.base.results import read_only
 from granphon.base.text import counted
-from granphon.base.validation import label, require
+from granphon.base.validation import label, real_array, require
 
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given

@@ -10,11 +10,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_array, real_list
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import LOADS, load_quantities
 from granphon.base.results import read_only
-from granphon.base.validation import require, whole
+from granphon.base.validation import finite_array, real_list, require, whole
 
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from granphon.base.arguments import positive
 from granphon.base.errors import Refused
 from granphon.base.text import show
-from granphon.base.validation import real_number, require
+from granphon.base.validation import positive, real_number, require
 
 #: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3

@@ -15,11 +15,10 @@ from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
 from granphon.base.notebook import write_html
 from granphon.base.scales import WidthUnits
-from granphon.base.validation import require, truth
+from granphon.base.validation import not_negative, positive, require, truth
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"

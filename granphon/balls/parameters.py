@@ -15,9 +15,9 @@ import numpy as np
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.packing import Packing
-from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import closest, counted
+from granphon.base.validation import real_list
 
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000

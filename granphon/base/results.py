@@ -10,10 +10,9 @@ from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hi
 
 import numpy as np
 
-from granphon.base.digests import damage_error, digest
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.notebook import describe_value, write_html
-from granphon.base.text import require_schema, show
+from granphon.base.text import damage_error, digest, require_schema, show
 
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")

@@ -119,7 +119,7 @@ class Units:
     mass: float
 
     def __post_init__(self) -> None:
-        from granphon.base.arguments import positive  # here alone, so that the command's help needs no numpy
+        from granphon.base.validation import positive  # here alone, so that the command's help needs no numpy
 
         for name, unit in (("length", "m"), ("stiffness", "N/m"), ("mass", "kg")):
             object.__setattr__(self, name, positive(name, getattr(self, name), unit))

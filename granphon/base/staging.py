@@ -27,7 +27,7 @@ from typing import Self
 from uuid import uuid4
 
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
-from granphon.base.reading import read_bytes
+from granphon.base.text import read_bytes
 
 #: the list of the files that granphon wrote into a folder; a list of another version counts as empty
 LIST, LIST_SCHEMA = ".granphon-files", 1

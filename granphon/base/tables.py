@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import NUMBER, Quantity
-from granphon.base.reading import decode, read_bytes
-from granphon.base.text import closest, counted
+from granphon.base.text import closest, counted, decode, read_bytes
 
 _POINT = "Write decimals with a point"
 #: longest cell that csv reads, in characters

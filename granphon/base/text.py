@@ -1,31 +1,43 @@
-"""Reading YAML that is plain data, with its line numbers, and writing plain data as YAML.
+"""Files as text: bytes of regular files, text in UTF-8, plain YAML with its line numbers, and digests.
 
-Only plain YAML 1.2 is read: no tags, no anchors, no merging, every key once.
+Files are of unknown origin. Nothing in one is run, and only the named file is opened; whatever cannot be read raises
+:class:`~granphon.base.errors.InputError`. Only plain YAML 1.2 is read: no tags, no anchors, no merging, every key once.
+
+Digests show whether a file, or plain data, has changed since granphon wrote it. They guard against damage and mistaken
+edits. They are not signatures: whoever edits a file on purpose can make a new digest.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import stat
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from numbers import Integral
 from typing import Any
 
 from granphon.base.errors import (
+    TOO_LARGE,
+    GranphonError,
     InputError,
     MissingFileError,
     MissingSceneError,
     Refused,
     SceneError,
     SchemaError,
+    UnverifiedFileWarning,
     brief,
     message,
 )
-from granphon.base.reading import decode, read_bytes, read_utf8
 
+#: the largest file that is read, bytes
+MOST_FILE_BYTES = 256_000_000
 #: the largest scene that is read or written as a text, bytes
 MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read
@@ -48,10 +60,90 @@ _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 #: words that readers of YAML 1.1 or 1.2 do not take for a text
 _NO_TEXTS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
 
+#: the comment line of a file with the digest of the others
+_SEAL = "# sha256 of all other lines: "
+
 Path_ = tuple[str | int, ...]
 
 
-# -- reading --------------------------------------------------------------------------------------------------------
+# -- bytes and text ---------------------------------------------------------------------------------------------------
+
+
+def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> bytes:
+    """Read the bytes of a regular file that holds no more than ``limit`` of them.
+
+    Raises
+    ------
+    MissingFileError : there is no such file.
+    InputError : the file is a folder, a device or a pipe, is larger than ``limit``, grows while it is read, or may not be
+        read; or ``path`` is not a path.
+    """
+    require_path(path)
+    try:
+        # without O_NONBLOCK, opening a pipe that nobody writes to would never return
+        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+        with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as stream:
+            about = os.fstat(stream.fileno())
+            if not stat.S_ISREG(about.st_mode):
+                what = f"{path} cannot be read: it is a device or a pipe"
+                raise InputError(message(what, mend="Give a regular file"))
+            # ask for little more than the file holds, as Python allocates the requested size at once
+            raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise MissingFileError(message(f"{path} cannot be read: there is no such file")) from None
+    except IsADirectoryError:
+        raise InputError(message(f"{path} cannot be read: it is a folder", mend="Give the file itself")) from None
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        raise InputError(message(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}")) from None
+    if max(len(raw), about.st_size) > limit:
+        size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
+        raise InputError(message(f"{path} holds more than {size}", mend="Is this the right file?"))
+    if len(raw) > about.st_size:
+        raise InputError(message(f"{path} has grown while it was read", "Somebody is writing it", "Read it again"))
+    return raw
+
+
+def require_path(path: str | os.PathLike[str]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless ``path`` is a text or a path.
+
+    A number is refused because ``open`` would take it for the descriptor of an open file.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(message(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path"))
+
+
+def read_utf8(path: str | os.PathLike[str]) -> str:
+    """The text of a file in UTF-8, with line feeds as the ends of lines; errors as of :func:`read_bytes`, :func:`decode`."""
+    return decode(str(path), read_bytes(path)).replace("\r\n", "\n")
+
+
+def decode(name: str, raw: bytes) -> str:
+    """The text of a file called ``name`` that is in UTF-8, with or without a byte order mark.
+
+    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a guess of the encoding.
+    """
+    at = raw.find(b"\0")
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        at, guess = 0, "UTF-16"
+    elif at >= 0:
+        guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3 else ""
+    else:
+        try:
+            return raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            # in Latin-1 and related encodings every byte but the control characters is a letter or a sign
+            at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
+    line = raw.count(b"\n", 0, at) + 1
+    what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
+    if not guess:
+        raise InputError(message(what, "The file does not look like text", "Is this the right file?"))
+    mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    raise InputError(message(what, f"The file looks like {guess}", mend))
+
+
+# -- plain YAML -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -239,34 +331,6 @@ def plain_scalar(text: str) -> Any:
     return float(text.replace(".", "", 1)) if _NOT_FINITE.fullmatch(text) else text
 
 
-def show(value: Any) -> str:
-    """A value as messages show it: at most 60 characters, on one line, without control characters."""
-    if isinstance(value, Mapping):
-        return "a block of keys"
-    if isinstance(value, list | tuple):
-        text = "[" + ", ".join(str(v) if isinstance(v, float) else brief(v) for v in value[:8]) + "]"
-    elif value is None:
-        return "nothing"
-    elif isinstance(value, bool):
-        return str(value).lower()
-    else:
-        return brief(value, 60)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def closest(word: str, options: Iterable[str]) -> str | None:
-    """The one of ``options`` that was probably meant by ``word``; None if none is close."""
-    known = list(options)
-    same = [option for option in known if option.lower() == word.lower()]
-    found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
-    return found[0] if found else None
-
-
-def counted(number: int, one: str, many: str = "") -> str:
-    """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than an s."""
-    return f"{number} {one if number == 1 else many or one + 's'}"
-
-
 # -- writing --------------------------------------------------------------------------------------------------------
 
 
@@ -330,3 +394,140 @@ def require_schema(what: object, found: Any, known: int) -> None:
         why = f"granphon {versions()['granphon']} reads and writes schema {known}"
         mend = "Read it with the version that wrote it, or make it again"
         raise SchemaError(message(f"{what} has the schema {show(found)}", why, mend))
+
+
+# -- values in messages -----------------------------------------------------------------------------------------------
+
+
+def show(value: Any) -> str:
+    """A value as messages show it: at most 60 characters, on one line, without control characters."""
+    if isinstance(value, Mapping):
+        return "a block of keys"
+    if isinstance(value, list | tuple):
+        text = "[" + ", ".join(str(v) if isinstance(v, float) else brief(v) for v in value[:8]) + "]"
+    elif value is None:
+        return "nothing"
+    elif isinstance(value, bool):
+        return str(value).lower()
+    else:
+        return brief(value, 60)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def closest(word: str, options: Iterable[str]) -> str | None:
+    """The one of ``options`` that was probably meant by ``word``; None if none is close."""
+    known = list(options)
+    same = [option for option in known if option.lower() == word.lower()]
+    found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
+    return found[0] if found else None
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than an s."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+# -- digests ----------------------------------------------------------------------------------------------------------
+
+
+def seal(lines: list[str], place: int = 0) -> str:
+    """The text of ``lines`` with a comment line that holds their digest, inserted before ``lines[place]``."""
+    return "\n".join([*lines[:place], _SEAL + _digest_lines([*lines, ""]), *lines[place:], ""])
+
+
+def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
+    """Read a file: return its text without the line that :func:`seal` gave it, and whether there was such a line.
+
+    Raises :class:`~granphon.base.errors.InputError` if the digest is not that of the text, or the file cannot be read.
+    """
+    return open_seal(path, read_utf8(path))
+
+
+def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
+    """Return the ``text`` of a file as :func:`read_sealed` does; line feeds end its lines."""
+    lines = text.split("\n")
+    places = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
+    if not places:
+        return text, False
+    line = lines.pop(places[0])
+    if not re.fullmatch(_SEAL + "[0-9a-f]{64}", line) or line != _SEAL + _digest_lines(lines):
+        raise damage_error(path, f"sha256 in line {places[0] + 1}")
+    return "\n".join(lines), True
+
+
+def _digest_lines(lines: list[str]) -> str:
+    # line by line, so that a text of millions of lines is not held in memory a second time
+    found, between = hashlib.sha256(), ""
+    for line in lines:
+        found.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
+        between = "\n"
+    return found.hexdigest()
+
+
+def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
+    """The error for a damaged file: the digest that is found at ``where`` is not that of the data."""
+    return InputError(
+        message(
+            f"{path} was damaged, or edited after granphon wrote it",
+            f"Its digest ({where}) does not match its data",
+            "Make it again, or remove the digest to read it as it is",
+        )
+    )
+
+
+def warn_unverified(path: str | os.PathLike[str]) -> None:
+    """Issue :class:`~granphon.base.errors.UnverifiedFileWarning`, for a file without a digest, two callers up the stack."""
+    text = message(
+        f"{path} carries no digest", "Another program wrote it: damage would not be noticed",
+        "Make it again if in doubt",
+    )  # fmt: skip
+    warnings.warn(text, UnverifiedFileWarning, stacklevel=3)
+
+
+@contextmanager
+def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
+    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a ``kind`` written by granphon.
+
+    Only a :class:`~granphon.base.errors.SchemaError` passes as it is.
+    """
+    try:
+        yield
+    except SchemaError:
+        raise
+    except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
+        why = "A part of it has another form: a number, a list or a block of keys stands where another of them is needed"
+        if isinstance(error, GranphonError):
+            why = str(error)
+        elif isinstance(error, KeyError):
+            why = f"It lacks the key {show(error.args[0])}"
+        what = f"{path} is not a {kind} written by granphon"
+        raise InputError(message(what, why, "Make it again, or give the right file")) from None
+
+
+def digest(data: Any) -> str:
+    """The sha256 of plain data, the same after a round trip through JSON or YAML: see :func:`canonical`."""
+    return hashlib.sha256(canonical(data).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def canonical(data: Any) -> str:
+    """Plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats that they equal.
+
+    Takes mappings, lists, tuples, arrays, strings, numbers, booleans and None; raises
+    :class:`~granphon.base.errors.InputError` for anything else.
+    """
+    if isinstance(data, Mapping):
+        return "{" + ",".join(sorted(f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items())) + "}"
+    if hasattr(data, "tolist"):  # arrays and numbers of NumPy, which the command's help does without
+        return canonical(data.tolist())
+    if isinstance(data, list | tuple):
+        return "[" + ",".join(map(canonical, data)) + "]"
+    if isinstance(data, complex):
+        return canonical({"real": data.real, "imag": data.imag})
+    if data is None or isinstance(data, bool | str):
+        return json.dumps(data)
+    if isinstance(data, int):
+        # where no float equals it, a whole number is written with its own digits
+        return float(data).hex() if abs(data) < TOO_LARGE and float(data) == data else str(data)
+    if isinstance(data, float):
+        return data.hex()
+    raise InputError(message(f"plain data cannot hold a {type(data).__name__}"))

@@ -2,7 +2,9 @@
 
 Scenes, command lines and Python calls are checked by the same rules. A rule raises
 :class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and what was probably meant;
-:func:`require` adds the name of an argument, and the reader of scenes the place of a key.
+:func:`require` adds the name of an argument, and the reader of scenes the place of a key. The checks of arguments, such as
+:data:`positive`, take the name of an argument, its value and the options of a rule. They return the value as a plain number,
+array or tuple, or raise :class:`~granphon.base.errors.InputError`.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 from unicodedata import normalize
 
 import numpy as np
@@ -22,6 +24,8 @@ from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import closest, show
 
 Rule = Callable[[Any], Any]
+Value = TypeVar("Value")
+Options = ParamSpec("Options")
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64
 #: what one number for each of one, two or three periods is called
@@ -289,3 +293,36 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
             )
         return any(_is_masked(one, depth + 1) for one in values)
     return isinstance(values, np.ma.MaskedArray) and bool(np.ma.is_masked(values))
+
+
+# -- arguments of Python calls -------------------------------------------------------------------------------------
+
+
+def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concatenate[str, Any, Options], Value]:
+    """A rule as a check that takes the name of the argument before its value."""
+
+    def check(name: str, value: Any, /, *options: Options.args, **more: Options.kwargs) -> Value:
+        found: Value = require(name, lambda given: rule(given, *options, **more), value)
+        return found
+
+    return check
+
+
+#: an array of floats of any shape, finite or not; an array of floats is returned without a copy
+real_array = _named(real_numbers)
+#: an array of one or more finite numbers in an SI unit
+finite_array = _named(finite_numbers)
+#: one number or a list of them, as plain floats
+real_list = _named(number_list)
+#: one finite number or a list of them, as plain floats
+finite_list = _named(finite_number_list)
+#: a finite real number above zero
+positive = _named(above_zero)
+#: a finite real number, zero or above
+not_negative = _named(zero_or_above)
+#: a whole number in a range
+whole_number = _named(whole)
+#: a whole number for each period
+grid_numbers = _named(grid)
+#: one text, or a list or array of texts, as a tuple
+texts = _named(text_list)

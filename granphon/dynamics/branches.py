@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.arguments import real_array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
+from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
 
 Array = NDArray[np.float64]

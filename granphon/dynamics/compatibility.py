@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.arguments import finite_array, not_negative, real_array
 from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
+from granphon.base.validation import finite_array, not_negative, real_array
 from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
 

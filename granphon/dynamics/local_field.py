@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
-from granphon.base.arguments import not_negative
 from granphon.base.errors import MechanismError, PrecisionError, message
 from granphon.base.results import Result
+from granphon.base.validation import not_negative
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.results import read_only
+from granphon.base.validation import real_array
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows

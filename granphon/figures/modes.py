@@ -21,9 +21,9 @@ from matplotlib.patches import Circle
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
-from granphon.base.arguments import positive, real_array, whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.base.validation import positive, real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
 from granphon.figures.views import Painter, View

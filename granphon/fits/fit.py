@@ -19,13 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import one_direction
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.arguments import real_array, texts
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
-from granphon.base.validation import require, truth
+from granphon.base.validation import real_array, require, texts, truth
 from granphon.fits.goodness import are_errors_known, compute_leverages, compute_probability, find_warnings
 from granphon.fits.least_squares import FitProblem, explain_undetermined, find_best, find_covariance
 from granphon.fits.measurements import Measurements

@@ -11,12 +11,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arguments import finite_list, positive
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import closest
+from granphon.base.validation import finite_list, positive
 
 Array = NDArray[np.float64]
 #: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s

@@ -27,11 +27,10 @@ from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import change_packing
-from granphon.base.arguments import positive
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
 from granphon.base.text import closest
-from granphon.base.validation import require, truth
+from granphon.base.validation import positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.loaded_lattice import ideal_lattice

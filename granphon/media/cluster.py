@@ -11,9 +11,8 @@ from functools import partial
 import numpy as np
 
 from granphon.balls.packing import Packing
-from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
-from granphon.base.validation import whole
+from granphon.base.validation import whole, whole_number
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.laws.cluster import VALID_FORCE, ClusterLaw
 from granphon.media.mean_field import LawMedium

@@ -28,12 +28,11 @@ from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling
-from granphon.base.arguments import finite_array, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import lengths, require, truth
+from granphon.base.validation import finite_array, lengths, real_array, require, truth, whole_number
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
@@ -530,7 +529,8 @@ class Crystal:
         place[free] = np.arange(np.count_nonzero(free))
         n_free = d * int(np.count_nonzero(free))
         pairs = tuple((a, b) for a in range(p) for b in range(a, p))
-        length = 2.0 * float(np.mean(self.radii))
+        # forces on strains, sums over all contacts, are then of the size of those on balls, root of n as these are in sum
+        length = 2.0 * float(np.mean(self.radii)) * math.sqrt(max(len(table), 1))
         first_wall = n_free + len(pairs)
         parts: list[tuple[Any, Any, Any]] = []
         rows = np.arange(len(table)) * d
@@ -858,6 +858,10 @@ class Crystal:
                 for at in range(len(found)):
                     riding = (rider >= 0) & (rider == sum(all(w != "free" for w in f.edges) for f in self.faces[:number]))
                     moved[at, riding, face.axis] = ways[at, rider[riding][0]] if np.any(riding) else 0.0
+        # a motion of the whole crystal means nothing where no wall is in its way
+        if not any("clamped" in face.edges for face in self.faces):
+            loose = [axis for axis in range(d) if axis not in {axis for axis, _, _ in self._floors}]
+            moved[..., loose] -= np.mean(moved[..., loose], axis=1, keepdims=True)
         overlap = np.array([rest.overlap for rest, _ in found])
         force = np.array([springs.force(one) for one in overlap])
         stiffness = np.array([springs.stiffness(one) for one in overlap])
@@ -1067,7 +1071,8 @@ class CrystalState:
             own["tangential_force"] = np.zeros((np.count_nonzero(kept), 3))
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
-            motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows, **own,
+            motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
+            adhesive=crystal.springs.adhere, **own,
         )  # fmt: skip
 
 

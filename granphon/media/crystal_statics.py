@@ -18,7 +18,7 @@ cell. Newton's method starts there from the state at small overlap, and its matr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -35,18 +35,26 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: residual, over the mean force, at which a state is at rest, and that which must be reached
 _TOLERANCE, _REQUIRED = 2e-15, 1e-12
+#: the first of these where the linear equations are solved by iteration
+_ITERATED = 3e-13
 #: largest number of steps of Newton's method, and of slopes in a line search
 _STEPS, _SLOPES = 200, 60
 #: stiffness that is added to all contacts, over the mean, for a residual of the size of the mean force
 _ADDED = 1e-2
 #: stiffness that holds balls which nothing else holds, over the mean
 _HOLD = 1e-11
+#: the same in a preconditioner: what rounding leaves of motions that cost nothing would grow by its inverse
+_HOLD_LOOSELY = 1e-6
 #: reach of a line search, in steps, from which on the energy is taken to fall without end
 _ENDLESS = 1e7
 #: overlap over the largest one, up to which a contact is open: it is the rounding of directions
 _ROUNDING = 1e-12
-#: most unknowns of matrices that are factorised, on a line, in the plane and in space
-_MOST_FACTORISED = (4_000_000, 1_000_000, 12_000)
+#: most unknowns of matrices that are factorised, on a line, in the plane and in space; and that are so in each step
+_MOST_FACTORISED, _MOST_DIRECT = (4_000_000, 1_000_000, 12_000), 2_000
+#: most iterations of conjugate gradients with the factors of an earlier step
+_PATIENCE = 30
+#: what rounding leaves of the forces on a ball, over their size
+_ROUNDED = 4e-16
 #: most iterations of conjugate gradients in one step
 _ITERATIONS = 4000
 #: most contacts for which a load that is not borne is explained
@@ -175,7 +183,7 @@ class Frame:
     def weights(self) -> Array:
         """What makes the residual of each unknown a force on a ball."""
         out = np.ones(self.motion.shape[1])
-        out[self.strains] = 1.0 / len(self.vector)
+        out[self.strains] = 1.0 / math.sqrt(len(self.vector))
         out[self.strains.stop :] = 1.0 / np.array(self.walls)
         return out
 
@@ -236,10 +244,12 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
         # the first guess is that of linear springs, whose law is that of the contacts at a typical force
         size = np.full(len(overlap), typical_force(frame, push, springs))
         if not np.any(size):
+            if np.any(push.force):
+                raise _explain(frame, springs, push)
             raise InputError(message(f"{push.words} presses nothing", "Contacts have no stiffness without a force"))
         at = springs.overlap(size)
         stiffness = springs.stiffness(at)
-        x = system.solve(stiffness, push.force - press.T @ (size - stiffness * at), 1e-6)
+        x = system.solve(stiffness, push.force - press.T @ (size - stiffness * at), 1e-6, float(size[0]))
         overlap = np.asarray(press @ x)
     x, overlap, residual = _descend(frame, springs, push, system, x, overlap)
     if not springs.adhere:
@@ -252,8 +262,7 @@ def _descend(
 ) -> tuple[Array, Array, float]:
     """Newton's method on the energy at small overlap: return unknowns, overlaps and the residual."""
     press, free = frame.press, ~push.held
-    best = math.inf
-    stalled = 0
+    best, stalled, kept = math.inf, 0, (x, overlap)
     for _ in range(_STEPS):
         force = springs.force(overlap)
         mean = springs.size(force)
@@ -261,16 +270,17 @@ def _descend(
             raise _explain(frame, springs, push, opened=True)
         pull = np.where(free, push.force - press.T @ force, 0.0)
         residual = float(np.max(np.abs(pull) * frame.weights, initial=0.0)) / mean
-        if residual <= _TOLERANCE:
+        if residual <= (_TOLERANCE if system.direct else _ITERATED):
             return x, overlap, residual
         stalled = stalled + 1 if residual > 0.5 * best else 0
-        best = min(best, residual)
+        if residual < best:
+            best, kept = residual, (x, overlap)
         if best <= _REQUIRED and stalled > 2:
             break
         stiffness = springs.stiffness(overlap)
         closed = stiffness[stiffness > 0.0]
         added = _ADDED * min(1.0, residual) * float(np.mean(closed)) if closed.size else mean / frame.length
-        step = system.solve(stiffness + added, pull, min(0.1, max(1e-2 * residual**0.5, 1e-6)))
+        step = system.solve(stiffness + added, pull, min(0.1, max(0.1 * residual**0.5, 1e-4)), mean)
         change = np.asarray(press @ step)
         length = _find_length(springs, overlap, change, force, float(pull @ step), residual)
         if length is None:
@@ -283,7 +293,7 @@ def _descend(
             why = f"It bears a tension of up to {springs.tension[at]:.6g} N"
             error = InputError(message(f"{push.words} pulls contact {at} apart", why, "Press the crystal more"))
         raise error
-    return x, overlap, best
+    return *kept, best
 
 
 def _find_length(
@@ -322,45 +332,89 @@ def _find_length(
 
 
 class _System:
-    """The linear equations of Newton's method: B^T K B x = b, of the unknowns that are free."""
+    """The linear equations of Newton's method: B^T K B x = b, of the unknowns that are free.
+
+    Few unknowns are found from LU factors. More are found by conjugate gradients, whose preconditioner is the LU factors of
+    an earlier step where these are not too large, which they are in space, and the blocks of the balls elsewhere.
+    """
 
     def __init__(self, frame: Frame, press: Any, held: NDArray[np.bool_]) -> None:
         self.frame, self.free = frame, np.flatnonzero(~held)
-        self.press = press if not np.any(held) else press[:, self.free]
+        self.renew(press)
+        self.direct = frame.dimension == 1 or len(self.free) <= _MOST_DIRECT
+        self.factored = len(self.free) <= _MOST_FACTORISED[frame.dimension - 1]
+        self.inverse: Callable[[Array], Array] | None = None
+
+    def renew(self, press: Any) -> None:
+        """Take other overlaps (n_c, N) of the unknowns."""
+        self.press = press if len(self.free) == press.shape[1] else press[:, self.free]
         self.transposed = self.press.T.tocsr()
-        self.direct = self.press.shape[1] <= _MOST_FACTORISED[frame.dimension - 1]
 
-    def solve(self, stiffness: Array, right: Array, reduction: float) -> Array:
-        """Return the unknowns (N,) at which springs of ``stiffness`` (n_c,) balance the forces ``right`` (N,)."""
-        from scipy.sparse import diags_array, eye_array
+    def solve(self, stiffness: Array, right: Array, reduction: float, size: float) -> Array:
+        """Return the unknowns (N,) at which springs of ``stiffness`` (n_c,) balance the forces ``right`` (N,).
 
+        Iterations end when the rest has fallen by ``reduction``, or is what rounding leaves of forces of a ``size``.
+        """
         out = np.zeros(len(right))
         if not len(self.free):
             return out
         scale = float(np.mean(stiffness))
+        springs, aim = stiffness / scale, right[self.free] / scale
         if self.direct:
-            matrix = self.transposed @ (diags_array(stiffness / scale) @ self.press)
-            matrix = matrix + _HOLD * eye_array(len(self.free))
-            out[self.free] = factorise(matrix.tocsc()).solve(right[self.free]) / scale
+            out[self.free] = factorise(self._matrix(self.press, springs, _HOLD)).solve(aim)
             return out
-        diagonal, blocks = self._find_blocks(stiffness)
 
-        def precondition(vector: Array) -> Array:
-            balls = np.einsum("nab,nb->na", blocks, vector[: blocks.shape[0] * blocks.shape[1]].reshape(len(blocks), -1))
-            return np.concatenate([balls.ravel(), vector[balls.size :] / diagonal])
+        def apply(vector: Array) -> Array:
+            return np.asarray(self.transposed @ (springs * (self.press @ vector)))
 
-        found, _, _ = conjugate_gradients(
-            lambda vector: self.transposed @ (stiffness * (self.press @ vector)), precondition, right[self.free], reduction,
-            _ITERATIONS, of_residual=True,
-        )  # fmt: skip
+        floor = len(self.free) * (_ROUNDED * size / scale) ** 2
+        most = _PATIENCE if self.factored else _ITERATIONS
+        for _ in range(2):
+            fresh = self.inverse is None or not self.factored
+            if fresh:
+                self.inverse = self._invert(springs)
+            assert self.inverse is not None
+            found, count, fine = conjugate_gradients(apply, self.inverse, aim, reduction, most, floor, True)
+            if fresh or (count < most and fine):
+                break
+            self.inverse = None
         out[self.free] = found
         return out
 
-    def _find_blocks(self, stiffness: Array) -> tuple[Array, Array]:
-        """Return the diagonal of what is no displacement, and the inverse blocks of the balls."""
+    @staticmethod
+    def _matrix(press: Any, stiffness: Array, hold: float) -> Any:
+        """Return B^T K B, with springs that hold each unknown."""
+        from scipy.sparse import diags_array, eye_array
+
+        return (press.T @ (diags_array(stiffness) @ press) + hold * eye_array(press.shape[1])).tocsc()
+
+    def _invert(self, stiffness: Array) -> Callable[[Array], Array]:
+        """Return an approximate inverse of B^T K B, from LU factors of the displacements, or the blocks of the balls.
+
+        Strains and walls, which act on all balls, would fill the factors: they have their own diagonal.
+        """
         d, n = self.frame.dimension, int(np.count_nonzero(self.free < self.frame.n_free))
-        squares = self.transposed.multiply(self.transposed)
-        diagonal = np.asarray(squares[n:] @ stiffness) + 1e-300
+        squares = self.transposed[n:].multiply(self.transposed[n:])
+        diagonal = np.asarray(squares @ stiffness) + _HOLD
+        if self.factored:
+            matrix = self._matrix(self.press[:, :n], stiffness, _HOLD_LOOSELY)
+            factors = factorise(matrix, approximate=True)
+
+            def solve(force: Array) -> Array:
+                largest = float(np.max(np.abs(force), initial=0.0)) or 1.0  # single precision has no numbers below 1e-38
+                return np.asarray(factors.solve((force / largest).astype(np.float32)) * largest, float)
+
+        else:
+            blocks = self._find_blocks(stiffness, n)
+
+            def solve(force: Array) -> Array:
+                return np.asarray(np.einsum("nab,nb->na", blocks, force.reshape(-1, d)).ravel())
+
+        return lambda vector: np.concatenate([solve(vector[:n]), vector[n:] / diagonal])
+
+    def _find_blocks(self, stiffness: Array, n: int) -> Array:
+        """Return the inverse blocks (balls, d, d) of the ``n`` displacements."""
+        d = self.frame.dimension
         coo = self.press[:, :n].tocoo()
         ball, axis = np.divmod(coo.col, d)
         blocks = np.zeros((n // d, d, d))
@@ -376,7 +430,7 @@ class _System:
             for b in range(d):
                 blocks[:, a, b] = np.bincount(owner, weight * full[:, a] * full[:, b], n // d)
         mean = float(np.mean(np.trace(blocks, axis1=1, axis2=2)))
-        return diagonal, np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
+        return np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
 
 
 # -- in the true geometry ---------------------------------------------------------------------------------------------------
@@ -390,7 +444,8 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
     from scipy.sparse import coo_array
 
     x, d, v = start.x.copy(), frame.dimension, frame.vector
-    n_c, p, free, best, stalled = len(v), frame.periods, ~push.held, math.inf, 0
+    n_c, p, free = len(v), frame.periods, ~push.held
+    best, stalled, kept = math.inf, 0, start
     row, column = (
         np.repeat(np.arange(n_c * d).reshape(n_c, d, 1), d, 2),
         np.tile(np.arange(n_c * d).reshape(n_c, 1, d), (1, d, 1)),
@@ -418,13 +473,14 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
         pull = np.where(free, wanted - press.T @ force, 0.0)
         residual = float(np.max(np.abs(pull) * frame.weights, initial=0.0)) / mean
         stalled = stalled + 1 if residual > 0.5 * best else 0
-        best = min(best, residual)
-        if residual <= _TOLERANCE or (best <= _REQUIRED and stalled > 2):
-            return Rest(x, overlap, normal, residual)
+        if residual < best:
+            best, kept = residual, Rest(x, overlap, normal, residual)
+        if residual <= (_TOLERANCE if system.direct else _ITERATED) or (best <= _REQUIRED and stalled > 2):
+            return kept
         if stalled > 20 or area <= 0.0:
             break
         stiffness = springs.stiffness(overlap)
-        if system.direct:
+        if system.factored:
             across = force / r
             block = (stiffness + across)[:, None, None] * normal[:, :, None] * normal[:, None, :]
             block -= across[:, None, None] * np.eye(d)
@@ -432,8 +488,8 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
             matrix = frame.motion.T @ (middle @ frame.motion) - _follow(frame, push, deformed, area)
             x = x + _solve_indefinite(matrix, system.free, pull, float(np.mean(stiffness)))
         else:
-            system.press, system.transposed = press[:, system.free], press[:, system.free].T.tocsr()
-            x = x + system.solve(stiffness, pull, 1e-4)
+            system.renew(press)
+            x = x + system.solve(stiffness, pull, 1e-4, mean)
     why = "Its contacts turn away under the load, and nothing holds it"
     raise InstabilityError(message(f"the crystal collapses under {push.words}", why, "Lower the load, or add contacts"))
 

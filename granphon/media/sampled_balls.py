@@ -19,10 +19,9 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
-from granphon.base.validation import choice, lengths, require, whole
+from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.equilibria import require_load
 from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
@@ -215,11 +214,6 @@ class SampledBalls:
             (replace(self, geometry=word), [place for place, one in enumerate(words) if one == word])
             for word in dict.fromkeys(words)
         ]
-
-    @property
-    def floats(self) -> bool:
-        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
-        return self.history.is_loaded and self.history.from_gas and not self.ratio
 
     @property
     def resists_slip(self) -> bool:

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
-from granphon.base.arguments import real_array, whole_number
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message
 from granphon.base.text import counted
-from granphon.base.validation import require, truth
+from granphon.base.validation import real_array, require, truth, whole_number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
-from granphon.base.reading import decode, read_bytes
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
-from granphon.base.validation import choice, require
+from granphon.base.text import decode, read_bytes
+from granphon.base.validation import choice, not_negative, positive, require
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
 Array = NDArray[np.float64]

@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arguments import real_array
-from granphon.base.digests import open_seal, seal, warn_unverified
 from granphon.base.errors import InputError, OutputError, brief, message
 from granphon.base.quantities import LENGTH, LOADS, Quantity
-from granphon.base.reading import decode, read_bytes, require_path
 from granphon.base.tables import Heading, Table, table_text
-from granphon.base.text import closest
-from granphon.base.validation import require, truth
+from granphon.base.text import closest, decode, open_seal, read_bytes, require_path, seal, warn_unverified
+from granphon.base.validation import real_array, require, truth
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_whole_numbers
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_array, texts
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
+from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.network_state import as_state
@@ -98,7 +98,7 @@ def pulse_velocities(
     """
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
-    d, periods = state.length, state.reference_lattice.periods
+    d, periods = state.unit_length, state.reference_lattice.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
     known = state.wave_names

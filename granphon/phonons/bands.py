@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.motions import IN_PLANE, Motions
-from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import counted, plain_yaml, write_float
+from granphon.base.text import counted, plain_yaml, read_sealed, require_own_file, seal, warn_unverified, write_float
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.contact_lattice import Modes

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.base.arguments import real_array, texts, whole_number
 from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, counted, show
-from granphon.base.validation import require
+from granphon.base.validation import real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
 
 Array = NDArray[np.float64]

@@ -19,11 +19,10 @@ from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.motions import Motions
-from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import plain_yaml, versions, write_float
+from granphon.base.text import plain_yaml, read_sealed, require_own_file, seal, versions, warn_unverified, write_float
 from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions, read_numbers
 
 Array = NDArray[np.float64]

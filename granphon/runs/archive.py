@@ -14,12 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.digests import damage_error, digest, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import LIGHT_VELOCITY, LOADS
-from granphon.base.reading import read_bytes
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import require_schema, show
+from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, warn_unverified
 from granphon.observables.catalogue import CATALOGUE
 
 if TYPE_CHECKING:

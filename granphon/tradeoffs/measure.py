@@ -23,12 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.digests import digest
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
+from granphon.base.text import digest
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.loaded_lattice import ideal_lattice

@@ -26,8 +26,8 @@ from typing import Generic, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import positive, whole_number
 from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.validation import positive, whole_number
 from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
 from granphon.waves.settings import MOMENTS

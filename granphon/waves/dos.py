@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
-from granphon.base.arguments import whole_number
 from granphon.base.results import Result
+from granphon.base.validation import whole_number
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 

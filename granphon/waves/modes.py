@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arguments import not_negative, whole_number
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
+from granphon.base.validation import not_negative, whole_number
 from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit, make_too_few
 from granphon.waves.filtering import find_filtered
 from granphon.waves.operator import WaveOperator

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.tables import Heading, write_table
+from granphon.base.validation import whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
 from granphon.waves.plane_waves import PeriodicCell, nearest_wavevectors

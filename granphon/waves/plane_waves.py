@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_array
 from granphon.base.errors import InputError, PrecisionError, brief, message
-from granphon.base.validation import choice, require
+from granphon.base.validation import choice, finite_array, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 

@@ -15,10 +15,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_array, not_negative, positive, real_array
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
+from granphon.base.validation import finite_array, not_negative, positive, real_array
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator, make_operator

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arguments import positive
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
+from granphon.base.validation import positive
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

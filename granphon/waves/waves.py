@@ -11,9 +11,9 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
 from granphon.base.text import counted
+from granphon.base.validation import whole_number
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel

@@ -14,8 +14,8 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import real_array
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])

@@ -23,11 +23,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 import granphon as gp
-from granphon.base.digests import canonical, digest, read_sealed, seal
 from granphon.base.errors import GranphonError, InputError, MissingFileError, SceneError, UnverifiedFileWarning
-from granphon.base.reading import read_bytes
 from granphon.base.tables import Table
-from granphon.base.text import dump_yaml, parse_yaml, plain_yaml
+from granphon.base.text import canonical, digest, dump_yaml, parse_yaml, plain_yaml, read_bytes, read_sealed, seal
 from granphon.cli.commands import main
 from granphon.fits.measurements import Measurements
 from granphon.runs import archive

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.optimize import minimize
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
@@ -66,9 +70,7 @@ def test_equal_balls_are_a_packing(name, kind):
 @pytest.mark.parametrize("name", ["triangular", "fcc", "hcp"])
 def test_the_network_of_equal_balls_is_that_of_the_packing(name, follows):
     packing, crystal = gp.Packing(PLAIN.material, 8e-3, lattice=name), gp.Crystal.on(name, [PLAIN])
-    wanted = gp.ContactNetwork.from_state(
-        gp.AveragedLattice(packing).at_force(9.0, finite_overlap=follows), (1,) * crystal.periods
-    )
+    wanted = gp.AveragedLattice(packing).at_force(9.0, finite_overlap=follows).network
     found = crystal.at_force(9.0, finite_overlap=follows).network
     for field in ("cell", "positions", "radii", "masses", "inertias", "normal", *wanted.contact_fields):
         assert_allclose(getattr(found, field), getattr(wanted, field), rtol=1e-12, atol=1e-14 * 8e-3, err_msg=field)
@@ -152,8 +154,12 @@ def test_a_chain_of_steel_and_aluminium():
     edges = np.sqrt(2 * k * np.array([1 / S.mass, 1 / A.mass, 1 / S.mass + 1 / A.mass])) / (2 * math.pi)
     assert_allclose(edges, [4710.53, 8101.49, 9371.40], atol=0.01)
     assert_allclose(state.crystal.cell[0, 0] * math.sqrt(k / 2 / (S.mass + A.mass)), 487.42, atol=0.01)
+    phonons = gp.Phonons(state)
+    assert_allclose(phonons.frequencies([[0.5], [0.0]]), [edges[:2], [0.0, edges[2]]], rtol=1e-13, atol=1e-9)
+    assert_allclose(phonons.gaps(), [edges[:2]], rtol=1e-12)
+    assert_allclose(gp.sound_velocities(state).longitudinal, 487.42, atol=0.01)
     found = gp.Waves(state.network.repeat((20,))).modes(39).frequencies
-    assert_allclose([found[18], found[19], found[-1]], edges, atol=0.01)
+    assert_allclose([found[18], found[19], found[-1]], edges, rtol=1e-12)
 
 
 def test_fcc_pressed_along_an_axis_carries_with_eight_of_twelve_contacts():
@@ -167,6 +173,12 @@ def test_fcc_pressed_along_an_axis_carries_with_eight_of_twelve_contacts():
     assert_allclose(state.overlap[closed], 8e-3 * 0.5e-4, rtol=1e-12)
     assert_allclose(np.diag(state.stress)[2] / np.diag(state.stress)[:2], 2.0, rtol=1e-12)
     assert_allclose(crystal.at_strain([0, 0, -1e-4, 0, 0, 0]).normal_force, state.normal_force, rtol=1e-15)
+    # sound along the axis; kappa/6 is the rotation of balls under unequal contacts
+    k, kappa = state.normal_stiffness[closed], state.shear_stiffness[closed]
+    v = gp.sound_velocities(state, (0, 0, 1))
+    unit = 8e-3**2 / PLAIN.mass
+    assert_allclose(v.longitudinal**2, (k[0] + kappa[0]) * unit, rtol=1e-12)
+    assert_allclose(np.square(v.transverse), (k[0] / 2 + kappa[0] / 6) * unit, rtol=1e-12)
     # the same as a stress, whose sides are those of contacts at 45 degrees
     again = crystal.at_stress(state.stress)
     assert_allclose(again.normal_force, state.normal_force, rtol=1e-9, atol=1e-9 * state.normal_force.max())
@@ -193,17 +205,14 @@ def test_balls_that_adhere_need_no_load(law):
     most = -pair.force(pair.least_overlap)
     pulled = crystal.at_pressure(-0.9 * 2 * 2**0.5 * most / gel.diameter**2)
     assert_allclose(pulled.normal_force, -0.9 * most, rtol=1e-11)
+    # pressed along one axis, contacts across it pull, and stay in the network
+    strained = crystal.at_strain([0.0, 0.0, -1e-3, 0.0, 0.0, 0.0])
+    assert np.any(strained.normal_force < 0.0)
+    assert strained.network.n_contacts == np.count_nonzero(strained.normal_stiffness)
+    stiff = strained.normal_stiffness > 0.0  # those of DMT have no stiffness where balls only touch
+    assert_allclose(strained.network.normal_force, strained.normal_force[stiff], rtol=1e-15)
     with pytest.raises(InputError, match=r"cannot bear a pressure of .* up to the tension that contacts bear"):
         crystal.at_pressure(-1.1 * 2 * 2**0.5 * most / gel.diameter**2)
-
-
-def test_a_tabulated_hertz_law_gives_the_numbers_of_hertz():
-    table = np.geomspace(1e-9, 1e-4, 31)
-    law = gp.TabulatedLaw(table, gp.Hertz().between(S, A).force(table))
-    wanted = gp.Crystal.on("NaCl", [S, A]).at_pressure(1e5)
-    found = gp.Crystal.on("NaCl", [S, A], law=law).at_pressure(1e5)
-    for name in ("normal_force", "overlap", "normal_stiffness", "shear_stiffness"):
-        assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12)
 
 
 def test_laws_by_pairs_of_kinds():
@@ -243,6 +252,15 @@ def test_shear_and_torsion_of_unlike_balls():
     assert_allclose(found.torsion_stiffness, wanted.torsion_stiffness, rtol=1e-12)
 
 
+def test_optic_modes_of_two_kinds():
+    for name, factors in (("NaCl", (2, 4)), ("CsCl", (8 / 3, 16 / 3))):
+        state = gp.Crystal.on(name, [S, A]).at_pressure(1e5)
+        stiff = factors[0] * state.normal_stiffness[0] + factors[1] * state.shear_stiffness[0]
+        wanted = math.sqrt(stiff * (1 / S.mass + 1 / A.mass)) / (2 * math.pi)
+        found = gp.Phonons(state).frequencies([[0.0, 0.0, 0.0]])[0]
+        assert np.count_nonzero(np.abs(found / wanted - 1) < 1e-12) == 3
+
+
 def test_a_light_impurity_in_a_chain():
     """omega^2 = omega_max^2/(1 - e^2) for m' = (1 - e) m."""
     e = 0.6
@@ -252,3 +270,371 @@ def test_a_light_impurity_in_a_chain():
     state = chain.at_force(5.0)
     top = gp.Waves(state.network).modes(59).frequencies[-1] * 2 * math.pi
     assert_allclose(top**2, 4 * state.normal_stiffness[0] / PLAIN.mass / (1 - e**2), rtol=1e-12)
+
+
+# -- twins ------------------------------------------------------------------------------------------------------------
+
+
+def twin_energy(crystal, laws, cell_rate):
+    """The energy of small overlaps, contact by contact, as a function of (u of all balls, strain in Voigt order)."""
+    n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
+    found = []
+    radii = [ball.diameter / 2 for ball in crystal.balls]
+    for i, j in itertools.product(range(n), repeat=2):
+        for step in itertools.product((-1, 0, 1), repeat=p):
+            vector = crystal.positions[j] + np.array(step) @ crystal.cell - crystal.positions[i]
+            if (i, *step) < (j, *(-one for one in step)) and abs(np.linalg.norm(vector) - radii[i] - radii[j]) < 1e-8:
+                found.append((i, j, vector, vector / np.linalg.norm(vector), laws(i, j)))
+    pairs = [(a, b) for a in range(p) for b in range(a, p)]
+
+    def energy(x):
+        u, strain = x[: n * d].reshape(n, d), np.zeros((d, d))
+        for (a, b), value in zip(pairs, x[n * d :], strict=True):
+            strain[a, b] = strain[b, a] = value
+        total, slope_u, slope_e = 0.0, np.zeros((n, d)), np.zeros(len(pairs))
+        for i, j, vector, normal, law in found:
+            overlap = -float(normal @ (u[j] - u[i] + strain @ vector))
+            force = law.force(overlap)
+            total += law.energy(overlap)
+            slope_u[j] -= force * normal
+            slope_u[i] += force * normal
+            for at, (a, b) in enumerate(pairs):
+                along = normal[a] * vector[b] + (normal[b] * vector[a] if a != b else 0.0)
+                slope_e[at] -= force * along
+        for at, (a, b) in enumerate(pairs):
+            work = cell_rate[a, b] * (1.0 if a == b else 2.0)
+            total -= work * x[n * d + at]
+            slope_e[at] -= work
+        return total, np.concatenate([slope_u.ravel(), slope_e])
+
+    return energy, len(found)
+
+
+CELLS = {
+    "triangular": ("triangular", (2, 2), [0, 3]),
+    "fcc": ("fcc", (1, 2, 1), [1]),
+    "bcc": ("bcc", (1, 1, 2), [1]),
+    "kagome": ("kagome", (1, 1), [2]),
+}
+
+
+@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("seed", range(2))
+def test_rest_is_the_minimum_of_the_energy_that_scipy_finds(name, seed):
+    lattice, shape, soft = CELLS[name]
+    crystal = gp.Crystal.on(lattice, [PLAIN]).repeat(shape).replace(soft, SOFT)
+    p, rng = crystal.periods, np.random.default_rng(seed)
+    noise = rng.uniform(-1.0, 1.0, (p, p))
+    ring = {"triangular": 0.2, "fcc": 0.2, "bcc": 0.0, "kagome": 0.0}[name]  # the last two have mechanisms
+    stress = -(np.eye(p) + ring * (noise + noise.T) / 2) * {2: 2e3, 3: 3e5}[p]
+    state = crystal.at_stress(stress)
+    kinds = [PLAIN if ball == PLAIN else SOFT for ball in crystal.balls]
+    size = float(np.mean(state.overlap))
+
+    def laws(i, j):
+        pair = gp.Hertz().between(kinds[i], kinds[j])
+        return gp.HertzLaw(pair.coefficient * size**1.5)  # of overlaps in units of this size, so that numbers are near one
+
+    volume = abs(np.linalg.det(crystal.cell))
+    # units: overlaps of ``size``, lengths of cells in m; strain times m is a length
+    energy, count = twin_energy(crystal, laws, stress * volume)
+    assert count == len(crystal.contacts)
+    start = np.zeros(crystal.n_balls * crystal.dimension + p * (p + 1) // 2)
+    pairs = [(a, b) for a in range(p) for b in range(a, p)]
+    for at, (a, b) in enumerate(pairs):
+        start[crystal.n_balls * crystal.dimension + at] = -1.0 / 8e-3 if a == b else 0.0
+    scale = float(np.mean(state.normal_force))
+    found = minimize(
+        lambda x: tuple(np.asarray(one) / scale for one in energy(x)),
+        start,
+        jac=True,
+        method="BFGS",
+        options={"gtol": 1e-11},
+    )
+    u = found.x[: crystal.n_balls * crystal.dimension].reshape(crystal.n_balls, -1)
+    strain = np.zeros((p, p))
+    for at, (a, b) in enumerate(pairs):
+        strain[a, b] = strain[b, a] = found.x[u.size + at]
+    table = crystal.contacts
+    overlap = -np.einsum("ca,ca->c", table.normal, u[table.j] - u[table.i] + table.vector @ strain) * size
+    assert_allclose(np.maximum(overlap, 0.0), np.maximum(state.overlap, 0.0), atol=2e-6 * size)
+    assert_allclose(np.linalg.norm(pull_on_balls(state)[0], axis=1), 0.0, atol=1e-12 * scale)
+    assert_allclose(state.stress, stress, atol=1e-12 * np.abs(stress).max())
+
+
+@settings(max_examples=25)
+@given(
+    st.lists(st.sampled_from([0, 1, 2]), min_size=6, max_size=6), st.floats(-0.12, 0.12), st.floats(-0.25, 0.25),
+    st.floats(-6.0, 4.0), st.booleans(),
+)  # fmt: skip
+def test_balls_and_cell_are_in_balance_under_any_stress(kinds, shear, side, size, follows):
+    three = [PLAIN, SOFT, gp.Ball(gp.Material(5e9, 0.45, 1200.0), 8e-3)]
+    crystal = gp.Crystal.on("triangular", [PLAIN]).repeat((2, 3))
+    for at, kind in enumerate(kinds):
+        crystal = crystal.replace(at, three[kind])
+    stress = -(10.0**size) * np.array([[1.0 + side, shear], [shear, 1.0 - side]])
+    state = crystal.at_stress(stress, finite_overlap=follows)
+    mean = float(np.mean(state.normal_force))
+    pull, virial = pull_on_balls(state)
+    assert np.max(np.linalg.norm(pull, axis=1)) <= 1e-12 * mean
+    deformed = np.eye(2) + (state.strain if follows else 0.0)
+    cauchy = -virial @ deformed.T / abs(np.linalg.det(crystal.cell @ deformed.T))
+    assert_allclose(cauchy, stress, atol=1e-11 * abs(stress[0, 0]))
+    assert_allclose(state.stress, cauchy, atol=1e-12 * abs(stress[0, 0]))
+    assert np.all(state.normal_force >= 0.0)
+    # overlaps are those that displacements and strain make
+    table = crystal.contacts
+    moved = state.displacements[table.j] - state.displacements[table.i] + table.vector @ state.strain
+    overlap = -np.einsum("ca,ca->c", table.normal, moved)
+    if follows:
+        # |v + w| - |v| = (2 v.w + w.w)/(|v + w| + |v|)
+        far = np.linalg.norm(table.vector + moved, axis=1) + np.linalg.norm(table.vector, axis=1)
+        overlap = -np.einsum("ca,ca->c", 2 * table.vector + moved, moved) / far
+    assert_allclose(overlap, state.overlap, atol=1e-11 * float(np.max(state.overlap)))
+
+
+def test_exact_statics_tend_to_those_of_small_overlap():
+    crystal = gp.Crystal.on("fcc", [PLAIN]).repeat((2, 1, 2)).replace(1, SOFT)
+    stress = np.diag([-1.0, -1.1, -1.2])
+    off = []
+    for size in (1e3, 1e6):
+        small, exact = crystal.at_stress(size * stress), crystal.at_stress(size * stress, finite_overlap=True)
+        off.append(np.max(np.abs(exact.normal_force / small.normal_force - 1)))
+        strain = float(np.max(np.abs(small.strain)))
+        assert 0.01 * strain < off[-1] < 100 * strain
+    assert off[1] / off[0] == pytest.approx(100.0, rel=0.1)  # overlaps go with the power 2/3
+
+
+# -- edges, gravity ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_column_carries_its_weight(follows):
+    column = gp.Crystal.on("chain", [S, A]).cut(0, 4, ("floor", "free"))
+    masses = np.array([ball.mass for ball in column.balls])
+    state = column.at_pressure([0.0, 5.0], gravity=(-G,), finite_overlap=follows)
+    above = np.array([masses[at:].sum() for at in (*range(1, 8), 0)]) * G
+    order = np.append(np.maximum(column.contacts.i, column.contacts.j) - 1, 7)
+    assert_allclose(state.normal_force, np.add.outer([0.0, 5.0], above[order]), rtol=1e-12)
+    floor = gp.Hertz().between(S, gp.balls.ball.RIGID_PLANE)
+    assert_allclose(state.overlap[:, -1], floor.overlap(state.normal_force[:, -1]), rtol=1e-12)
+    network = state[0].network
+    assert (network.n_balls, network.pbc, network.dimension) == (9, (False, False, False), 1)
+    assert np.isinf(network.masses[8])
+    assert np.isinf(network.radii[8])
+    mean = column.at_force(3.0, gravity=-G)
+    assert_allclose(mean.normal_force.mean(), 3.0, rtol=1e-12)
+    with pytest.raises(InputError, match="do not have a mean force of 1e-06 at any pressure"):
+        column.at_force(1e-6, gravity=-G)
+
+
+def test_modes_of_a_column_are_those_of_a_bessel_function():
+    """The lowest modes of N balls are (5/6) j_n N^(-5/6) (g/delta_1)^(1/2), where delta_1 is the overlap under one weight.
+
+    The stiffness under depth z goes as z^(1/3): the modes of long waves are Bessel functions, of which j_n are the zeros of
+    J_(-2/5). What is left falls as 1/N^2 for low modes, and more slowly for the floor.
+    """
+    zeros, off = np.array([1.7509754, 4.8785160, 8.0166324]), []
+    law = gp.Hertz().between(PLAIN, PLAIN)
+    unit = math.sqrt(G / law.overlap(PLAIN.mass * G))
+    counts = (40, 160, 640)
+    for n in counts:
+        state = gp.Crystal.on("chain", [PLAIN]).cut(0, n, ("floor", "free")).at_pressure(0.0, gravity=(-G,))
+        found = gp.Waves(state.network).modes(3).frequencies * 2 * math.pi
+        off.append(found / (5 / 6 * math.sqrt(1.5) * zeros * n ** (-5 / 6) * unit) - 1)
+    off = np.array(off)
+    assert np.all(np.abs(off[-1]) < 1e-4)
+    order = np.log(np.abs(off[:-1] / off[1:])) / math.log(4.0)
+    assert np.all(order[:, 1:] > 1.5)
+
+
+def test_a_layer_on_a_floor_and_faces_that_are_pressed():
+    plane = gp.Crystal.on("triangular", [PLAIN])
+    weight, d = PLAIN.mass * G, 8e-3
+    layer = plane.cut(1, 5, ("floor", "free"))
+    assert (layer.periods, layer.n_balls, layer.n_contacts) == (1, 5, 5 + 8 + 1)
+    state = layer.at_pressure(0.0, gravity=(0.0, -G))
+    assert_allclose(state.normal_force[-1], 5 * weight, rtol=1e-12)
+    assert np.max(np.abs(pull_on_balls(state)[0][1:] - [0.0, weight])) < 1e-12 * weight
+    # between walls, contacts along the layer carry nothing
+    along = np.abs(layer.contacts.normal[:, 0]) > 0.9
+    assert np.all(state.normal_force[: len(along)][along] == 0.0)
+    assert state.network.n_contacts == 9
+    pressed = layer.at_pressure(100.0, gravity=(0.0, -G))
+    assert_allclose(pressed.normal_force[-1], 5 * weight + 100.0 * d, rtol=1e-12)
+    # without gravity the periods are pressed too: contacts across layers carry P d/sqrt 3, as in the bulk
+    for edges in ("free", "floor", "clamped", ("floor", "free"), ("clamped", "floor")):
+        strip = plane.cut(1, 5, edges).at_pressure(100.0)
+        table = strip.crystal.contacts
+        across = np.abs(table.normal[:, 1]) > 0.1
+        assert_allclose(strip.normal_force[: len(table)][across], 100.0 * d / 3**0.5, rtol=1e-12)
+        floors = strip.normal_force[len(table) :]
+        assert_allclose(floors, 100.0 * d, rtol=1e-12)
+        assert_allclose(strip.stress[0, 0], -100.0 * 5 * d * 0.75**0.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, (1, 0), (1, 1), (1, -1), (2, 1)])
+def test_a_cut_keeps_the_balls_and_the_contacts_of_its_layers(axis):
+    plane = gp.Crystal.on("kagome", [PLAIN, SOFT, PLAIN])
+    strip = plane.cut(axis, 6)
+    assert strip.n_balls == 18
+    # the area of the bulk's layers, the turn is rigid, and it lies along x
+    (face,) = strip.faces
+    assert_allclose(strip.measure * face.thickness, 6 * plane.measure, rtol=1e-12)
+    assert_allclose(np.linalg.norm(strip.contacts.vector, axis=1), 8e-3, rtol=1e-12)
+    assert_allclose(strip.cell[0, 1:], 0.0, atol=1e-15)
+    # every contact that is found anew is in the table
+    again = gp.Crystal(strip.balls, strip.cell, strip.positions)
+    assert list_contacts(again) == list_contacts(strip)
+    assert 6 * plane.n_contacts - strip.n_contacts > 0
+
+
+@pytest.mark.parametrize("indices", [(1, 1, 1), (0, 0, 1), (1, -1, 0), (2, 1, -1)])
+def test_a_slab_of_fcc_across_any_plane(indices):
+    crystal = gp.Crystal.on("fcc", [PLAIN])
+    slab = crystal.cut(indices, 5, ("floor", "free"))
+    assert_allclose(slab.measure * slab.faces[0].thickness, 5 * crystal.measure, rtol=1e-12)
+    again = gp.Crystal(slab.balls, slab.cell, slab.positions)
+    assert list_contacts(again) == list_contacts(slab)
+    state = slab.at_pressure(1e4, gravity=(0.0, 0.0, -G))
+    count = len(slab.contacts)
+    weight = 5 * PLAIN.mass * G + 1e4 * slab.measure
+    assert_allclose(state.normal_force[count:].sum(), weight, rtol=1e-11)
+
+
+def test_a_vacancy_and_a_defect():
+    crystal = gp.Crystal.on("triangular", [PLAIN]).repeat((4, 4))
+    hole = crystal.remove(5)
+    assert hole.n_balls == 15
+    assert hole.n_contacts == 48 - 6
+    state = hole.at_pressure(1e3)
+    mean = state.normal_force.mean()
+    assert np.max(np.abs(pull_on_balls(state)[0])) < 1e-12 * mean
+    assert np.ptp(state.normal_force) > 0.1 * mean
+    assert crystal.remove([0, 3]).n_balls == 14
+    again = gp.Crystal(hole.balls, hole.cell, hole.positions)
+    assert list_contacts(again) == list_contacts(hole)
+
+
+# -- extremes, errors -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("overlap", [1e-14, 1e-9, 1e-2])
+@pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e6])
+def test_extremes_of_overlap_mass_and_stiffness(overlap, ratio):
+    other = gp.Ball(gp.Material(211.65e9 * ratio, 0.276, 7840.0), 8e-3, mass=PLAIN.mass * ratio)
+    for name in ("chain", "CsCl"):
+        crystal = gp.Crystal.on(name, [PLAIN, other])
+        state = crystal.at_overlap(overlap * 8e-3)
+        law = gp.Hertz().between(PLAIN, other)
+        assert_allclose(state.overlap, overlap * 8e-3, rtol=1e-13)
+        assert_allclose(state.normal_force, law.force(overlap * 8e-3), rtol=1e-12)
+        assert state.valid or overlap == 1e-2  # the limit itself, but for rounding
+        deep = crystal.at_overlap(2e-2 * 8e-3)
+        assert not deep.valid
+        assert "a contact is 14.14 % of that of a ball" in deep.warnings[0]
+    mixed = gp.Crystal.on("triangular", [PLAIN]).repeat((2, 2)).replace(0, other).at_overlap(overlap * 8e-3)
+    assert_allclose(mixed.overlap[mixed.normal_force > 0].mean(), overlap * 8e-3, rtol=1e-12)
+    assert np.max(np.abs(pull_on_balls(mixed)[0])) < 1e-12 * mixed.normal_force.mean()
+
+
+def test_loads_may_be_arrays_and_a_state_is_indexed_like_one():
+    crystal = gp.Crystal.on("fcc", [PLAIN])
+    state = crystal.at_pressure([[1e3, 1e4, 1e5]])
+    assert state.shape == (1, 3)
+    assert state.normal_force.shape == (1, 3, 6)
+    assert state.stress.shape == state.strain.shape == (1, 3, 3, 3)
+    assert state.valid.shape == (1, 3)
+    one = state[0, 1]
+    assert one.is_single
+    assert one.valid is True
+    assert_allclose(one.normal_force, crystal.at_pressure(1e4).normal_force, rtol=1e-13)
+    assert state[0].shape == (3,)
+    assert not one.normal_force.flags.writeable
+    with pytest.raises(InputError, match="the state holds 3 loads"):
+        _ = state.network
+    many = crystal.at_stress([[-1e4, -1e4, -1.1e4, 0, 0, 0], [-1e3, -1e3, -1e3, 0, 0, 1e2]])
+    assert many.normal_force.shape == (2, 6)
+
+
+def test_doubts_are_said():
+    weak = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0, yield_strength=300e6), 8e-3)
+    state = gp.Crystal.on("fcc", [weak]).at_force([0.01, 100.0])
+    assert state.valid.tolist() == [True, False]
+    assert "of the yield strength" in state.warnings[0]
+    table = gp.TabulatedLaw([1e-8, 1e-7], [1e-4, 1e-2])
+    assert "beyond the table" in gp.Crystal.on("fcc", [PLAIN], law=table).at_force(1.0).warnings[0]
+
+
+SQUARE = gp.Crystal.on("square", [PLAIN])
+ERRORS = {
+    "ball": (lambda: gp.Crystal(["x"], [[8e-3]], [[0.0]]), "'x' is not a ball"),
+    "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 positions"),
+    "cell": (lambda: gp.Crystal([S], [[8e-3, 0.0]], [[0.0]]), "the cell has the shape"),
+    "turned": (lambda: gp.Crystal([PLAIN], [[0.0, 8e-3]], [[0.0, 0.0]]), "does not lie along x"),
+    "flat": (lambda: gp.Crystal([PLAIN], np.zeros((2, 2)), [[0.0, 0.0]]), "has no room for a ball"),
+    "nan": (lambda: gp.Crystal([PLAIN], [[math.nan]], [[0.0]]), "is not finite"),
+    "apart": (lambda: gp.Crystal([S, A], [[0.04]], [[0.0], [0.0195]]), "ball 0 of crystal .* touches no other"),
+    "rounded": (lambda: gp.Crystal([S, A], [[0.03811]], [[0.0], [0.01905]]), "nearly touch.* Multiply|with eight digits"),
+    "overlapping": (lambda: gp.Crystal([S, A], [[0.0381]], [[0.0], [0.015]]), "overlap. Balls 0 and 1 are 0.015 m"),
+    "scaled": (lambda: gp.Crystal([PLAIN], 8.001e-3 * np.eye(2), [[0, 0]]), "Multiply the cell and the positions by 0"),
+    "pieces": (lambda: gp.Crystal([PLAIN] * 2, [[8e-3, 0], [0, 0.05]], [[0.0, 0.0], [0.0, 0.02]]), "falls into pieces"),
+    "lattice": (lambda: gp.Crystal.on("cubic", [S]), "unknown lattice 'cubic'. Use chain, .*zincblende"),
+    "kinds": (lambda: gp.Crystal.on("fcc", [S, A]), "2 kinds of balls do not go on the 1 site"),
+    "sizes": (lambda: gp.Crystal.on("hcp", [S, PLAIN]), "cannot all touch on the hcp lattice"),
+    "cage": (lambda: gp.Crystal.on("NaCl", [S, gp.Ball(STEEL, 3e-3)]), "balls of crystal 'NaCl' overlap"),
+    "names": (
+        lambda: gp.Crystal.on("chain", [gp.Ball(STEEL, 1e-3, name="A"), gp.Ball(STEEL, 2e-3, name="A")]),
+        "two kinds are called 'A'",
+    ),
+    "law": (lambda: gp.Crystal.on("chain", [S], law=3.0), "contact law 3.0 has no method force"),
+    "motions": (lambda: gp.Crystal.on("chain", [S], motions="up"), "has no motions 'up'. It lies on a line"),
+    "tension": (lambda: SQUARE.at_pressure(-1.0), "tensile"),
+    "zero": (lambda: SQUARE.at_pressure(0.0), "pressure is zero"),
+    "no force": (lambda: SQUARE.at_force(0.0), "force is zero"),
+    "open": (lambda: SQUARE.at_strain([1e-4, 1e-4, 0.0]), "all contacts are open under the strain"),
+    "pulled": (lambda: SQUARE.at_stress([1e3, 0.0, 0.0]), "cannot bear the stress"),
+    "sheared": (lambda: SQUARE.at_stress([-1e3, -1e3, 1.0]), "cannot bear the stress .* Press the crystal from the sides"),
+    "skew": (lambda: SQUARE.at_stress([[-1.0, 0.5], [0.0, -1.0]]), "stress is not symmetric"),
+    "shape": (lambda: SQUARE.at_stress([-1.0, -1.0]), "stress has the shape"),
+    "falls": (lambda: SQUARE.at_pressure(1.0, gravity=(0.0, -G)), "gravity acts along y, where crystal 'square' repeats"),
+    "no floor": (lambda: SQUARE.cut(1, 3).at_pressure(1.0, gravity=(0.0, -G)), "stands on nothing"),
+    "slides": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=(1.0, -G)), "gravity acts along x"),
+    "lifted": (
+        lambda: SQUARE.cut(1, 3, ("floor", "free")).at_pressure(0.0, gravity=(0.0, G)), "cannot bear a pressure of 0",
+    ),
+    "vector": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G), "gravity has the shape"),
+    "axis": (lambda: SQUARE.cut(2, 3), "axis is 2. Give the number of a vector of the cell, 0 to 1"),
+    "edges": (lambda: SQUARE.cut(0, 3, "glued"), "Give 'free', 'clamped' or 'floor'"),
+    "index": (lambda: SQUARE.replace(1, S), "1 is not the number of a ball"),
+    "size": (lambda: SQUARE.replace(0, S), "Its neighbours would overlap or miss it"),
+    "last": (lambda: SQUARE.remove(0), "no ball is left"),
+    "hanging": (lambda: gp.Crystal.on("chain", [PLAIN]).repeat((4,)).remove(1), "falls into pieces"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_what_cannot_be_is_one_clear_error(name):
+    make, said = ERRORS[name]
+    with pytest.raises(InputError, match=said) as error:
+        make()
+    assert "\n" not in str(error.value)
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 10**6))
+def test_a_tree_finds_the_contacts_that_all_pairs_have(seed):
+    rng = np.random.default_rng(seed)
+    name = str(rng.choice(["chain", "triangular", "honeycomb", "fcc", "hcp"]))
+    crystal = gp.Crystal.on(name, [PLAIN])
+    large = crystal.repeat({1: (45,), 2: (5, 9), 3: (3, 4, 4)}[crystal.periods])
+    order = rng.permutation(large.n_balls)
+    places = (large.positions + rng.integers(-1, 2, (large.n_balls, large.periods)) @ large.cell)[order]
+    found = gp.Crystal([PLAIN] * large.n_balls, large.cell, places)
+    # every ball has its neighbours, at the right distance, and no contact is there twice
+    assert len(set(list_contacts(found))) == found.n_contacts == large.n_contacts
+    table = found.contacts
+    vector = places[table.j] + table.shift @ large.cell - places[table.i]
+    assert_allclose(vector, table.vector, atol=1e-12)
+    ends = np.bincount(np.concatenate([table.i, table.j]), minlength=large.n_balls)
+    assert set(ends.tolist()) == {2 * crystal.n_contacts // crystal.n_balls}
