@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
 from granphon.figures.zones import find_reciprocal, name_corners, plot_zone

@@ -963,7 +963,7 @@ class CrystalState:
 
     @property
     def exponent(self) -> Any:
-        """The exponent d log v / d log P of all sound velocities, if the load grows as a whole; terms of delta/d are left out.
+        """The exponent d log v / d log P of all sound velocities, if the load grows as a whole, without terms of delta/d.
 
         It is f k'/2k^2 of a contact, with the slope k' of its law: (a - 1)/2a where f goes as delta^a. Raises
         :class:`~granphon.base.errors.InputError` if contacts do not have it in common: velocities are then no power.

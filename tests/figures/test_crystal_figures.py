@@ -145,8 +145,7 @@ def test_gaps_are_shaded_between_the_branches(ax):
     phonons = gp.Phonons(gp.Crystal.on("chain", [light, heavy]).at_force(10.0))
     (gap,) = phonons.gaps()
     plot_bands(phonons.bands(npoints=5), ax, gaps=phonons.gaps(), colorbar=False)
-    (shade,) = with_gid(ax, "gap-")
-    box = shade.get_extents().transformed(ax.transData.inverted())
+    box = with_gid(ax, "gap-0").get_extents().transformed(ax.transData.inverted())
     assert_allclose([box.y0, box.y1], gap / 1e3, rtol=1e-9)
     with pytest.raises(InputError, match="gaps"):
         plot_bands(phonons.bands(npoints=5), ax, gaps=[1.0, 2.0, 3.0])

@@ -200,7 +200,7 @@ def test_contacts_of_several_powers_have_no_single_exponent():
     one, other = gp.Ball(STEEL, 8e-3, name="one"), gp.Ball(STEEL, 8e-3, name="other")
     laws = {("one", "one"): gp.Hertz(), ("one", "other"): gp.PowerLaw(2.0, 1e12)}
     state = gp.Crystal.on("chain", [one, one, other], law=laws).at_force(10.0)
-    with pytest.raises(InputError, match="exponents of contacts differ, from 0.166667 to 0.25"):
+    with pytest.raises(InputError, match=r"exponents of contacts differ, from 0\.166667 to 0\.25"):
         gp.local_exponent(state)
 
 
