@@ -23,7 +23,7 @@ from granphon.base.validation import block, read_inside, refuse_unknown_key, who
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind
-from granphon.waves.settings import POLARISATIONS, pulse_rules, spectrum_rules, write_setting
+from granphon.waves.settings import POLARISATIONS, wave_rules, write_setting
 
 #: the default of a key that has none
 NEEDED = "required"
@@ -56,7 +56,7 @@ def _load(kind: str, words: str) -> Field:
 def _wave(key: str, words: str, default: str) -> Field:
     """Return a field of the blocks about waves in a simulated array."""
     name, own = key.split(".")
-    read = (spectrum_rules() if name == "spectrum" else pulse_rules())[own]
+    read = wave_rules(name)[own]
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
     return Field(key, place, Kind.plain(read, partial(write_setting, own)), words, default)
 
