@@ -13,9 +13,9 @@ from granphon.base.errors import InputError, PrecisionError, brief, message
 from granphon.base.validation import choice, finite_array, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
+from granphon.waves.settings import POLARISATIONS
 
 Array = NDArray[np.float64]
-_NAMES = ("longitudinal", "transverse", "rotational")
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
 _WHOLE = 1e-6
 #: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left
@@ -152,13 +152,13 @@ def find_polarisations(
             raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
         if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
             why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
-            mend = f"Give these, not all zero, or one of {', '.join(_NAMES)}"
+            mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
             raise InputError(message(f"the polarisation is {brief(polarisation)}", why, mend))
         rows = np.zeros((1, motions.count))
         numbers = numbers / np.max(np.abs(numbers))
         rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
         return rows
-    name = require("polarisation", partial(choice, options=_NAMES), polarisation)
+    name = require("polarisation", partial(choice, options=POLARISATIONS), polarisation)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move

@@ -19,8 +19,9 @@ POLARISATIONS = ("longitudinal", "transverse", "rotational")
 MOMENTS = 256
 #: readings of the signal of a pulse in a period of its burst
 READINGS = 24
+#: what stands at the two ends of a network
+ENDS = ("free", "walls", "periodic")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
-_ENDS = ("free", "walls", "periodic")
 _SOURCES = ("plane", "ball")
 _QUANTITIES: dict[str, Quantity] = {"resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME}
 
@@ -123,7 +124,7 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
     return {
         "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),
         "polarisation": partial(choice, options=_PUSHES), "source": partial(choice, options=_SOURCES),
-        "ends": partial(choice, options=_ENDS), "damping": quantity("damping"),
+        "ends": partial(choice, options=ENDS), "damping": quantity("damping"),
     }  # fmt: skip
 
 
