@@ -357,18 +357,6 @@ def test_equal_balls_with_the_torsion_of_a_hertz_contact_are_the_lattice(lattice
     np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
-def test_every_contact_of_a_chain_carries_the_same_force():
-    state = gp.DirectSimulation(packing("chain"), (40,), samples=2).at_force([0.5, 20.0])
-    hertz = gp.AveragedLattice(packing("chain")).law
-    np.testing.assert_allclose(state.overlap, hertz.overlap(np.array([0.5, 20.0])), rtol=1e-12)
-    np.testing.assert_allclose(state.normal_stiffness, hertz.stiffness(state.overlap), rtol=1e-10)
-    np.testing.assert_allclose(state.contact_force_fluctuation, 0.0, atol=1e-14)
-    np.testing.assert_allclose(state.exponent, 1.0 / 6.0, rtol=1e-9)
-    assert gp.sound_velocities(state).longitudinal == pytest.approx(
-        gp.sound_velocities(gp.AveragedLattice(packing("chain")).at_force([0.5, 20.0])).longitudinal, rel=1e-9
-    )
-
-
 def test_arrays_of_a_sample_are_indexed_by_cell_then_ball():
     state = gp.DirectSimulation(packing("hcp"), (3, 4, 5)).at_force(10.0)
     sample = state.sample

@@ -24,9 +24,8 @@ from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.stepper import integrate_last
 from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
 from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
@@ -292,17 +291,6 @@ def residual(paths, state):
     return np.max(np.abs(np.array(rows) @ tension)) / state.force
 
 
-def test_an_array_in_space_is_in_balance_and_keeps_its_energy():
-    paths = history((3, 3, 2), 0.2, lattice=FCC)
-    states = run(paths, ramp(0.5, 0.9, 0.7, steps=8))
-    for state in states:
-        assert state.residual <= 1e-9
-        assert np.all(state.contacts.tangential <= 0.2 * state.contacts.forces * (1.0 + 1e-12))
-    last = states[-1]
-    assert residual(paths, last) < 2e-9
-    assert last.sliding_fraction > 0.0
-
-
 # -- arrays: energy, orders, limits ---------------------------------------------------------------------------------------
 
 
@@ -380,20 +368,6 @@ def test_small_reversals_lose_energy_in_first_order(ratio):
     assert lost[1] / lost[2] == pytest.approx(2.0, rel=0.1)
 
 
-@settings(max_examples=50)
-@given(st.tuples(unit, unit, unit), unit, st.floats(0.1, 1.0), st.floats(0.3, 3.0), st.sampled_from([-1.0, 1.0]))
-def test_integrals_of_parabolas_are_exact(coefficients, start, step, ratio, sign):
-    loads = [start, start + sign * step, start + sign * (1.0 + ratio) * step]
-    parabola = np.polynomial.Polynomial(coefficients)
-    expected = parabola.integ()(loads[2]) - parabola.integ()(loads[1])
-    assert integrate_last(loads, [parabola(y) for y in loads]) == pytest.approx(expected, abs=1e-13)
-    # after a turn, and where there are two, the line
-    back = [loads[1], loads[2], loads[0]]
-    line = 0.5 * (parabola(loads[2]) + parabola(loads[0])) * (loads[0] - loads[2])
-    assert integrate_last(back, [parabola(y) for y in back]) == pytest.approx(line, abs=1e-13)
-    assert integrate_last(back[1:], [parabola(y) for y in back[1:]]) == pytest.approx(line, abs=1e-13)
-
-
 def test_friction_raises_the_force_as_an_independent_trial_has_it():
     """No sliding, 32 x 32 balls from a* = 1/2: some 5 % at a* = 0.7, 1.5 % at a* = 1."""
     at = {round(state.overlap + 0.5, 6): state for state in history((32, 32)).path(ramp(0.5, 1.0, steps=10))}
@@ -444,16 +418,6 @@ def test_balls_that_touch_are_not_turned_at_once():
     # in the first step of this array loose neighbours undid each other's turns without end
     state = run(history((16, 16), 1e-4, seed=3), [ReducedLoad(overlap=0.025)])[-1]
     assert state.residual <= 1e-9
-
-
-def test_equal_balls_never_bear_tangential_forces():
-    shape = (5, 6)
-    paths = LoadingHistory(
-        np.zeros(shape), Stencils(shape, ETA), 0.2, math.inf, equilibrate(np.zeros(shape), ReducedLoad(0.1))
-    )
-    for state in paths.path(ramp(0.7, 1.0, 0.7, steps=2)):
-        assert not np.any(state.contacts.shears)
-        assert state.force == pytest.approx(state.overlap**1.5, rel=1e-14)
 
 
 def test_forces_converge_with_the_order_of_the_step():
@@ -515,38 +479,6 @@ def test_steps_are_refined_until_the_force_does_not_change():
     assert fine.force == pytest.approx(exact, rel=1e-4)
 
 
-def test_a_given_force_is_met_and_its_overlap_leads_there():
-    paths = history((8, 8), 0.2, seed=1)
-    by_force = run(paths, [ReducedLoad(force=0.05), ReducedLoad(force=0.2)])
-    assert [state.force for state in by_force] == pytest.approx([0.05, 0.2], rel=1e-11)
-    by_overlap = run(paths, [ReducedLoad(overlap=state.overlap) for state in by_force])
-    np.testing.assert_allclose(by_overlap[-1].contacts.forces, by_force[-1].contacts.forces, rtol=0.0, atol=1e-8)
-
-
-def test_limits_of_given_overlaps_lead_to_the_same_forces(monkeypatch):
-    loads = ramp(0.5, 0.8, steps=1)
-    sharp = run(history((8, 8), 0.1, seed=1), loads)[0]
-    monkeypatch.setattr(load_step, "_NEWTON_STEPS", 3)  # too few for the first attempt
-    lagged = run(history((8, 8), 0.1, seed=1), loads)[0]
-    assert lagged.newton > sharp.newton
-    np.testing.assert_allclose(lagged.contacts.shears, sharp.contacts.shears, rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("mu", [0.2, math.inf])
-def test_halving_the_steps_taken_changes_the_force_by_less_than_the_tolerance(mu):
-    """The states of a refined path, and the same path with each of its steps in two."""
-    paths, seen = history((6, 6), mu, 3e-4, seed=1), []
-    original = paths._refine
-    paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
-    last = run(paths, ramp(0.5, 1.0, steps=2))[-1]
-    assert len(seen) == last.steps > 4
-    ends = [0.0, *(state.overlap for state in seen)]
-    halves = [ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
-    twice = run(history((6, 6), mu, seed=1), halves)
-    assert abs(twice[-1].force / last.force - 1.0) < 3e-4
-    assert max(abs(one.force / other.force - 1.0) for one, other in zip(seen, twice[1::2], strict=True)) < 6e-4
-
-
 @pytest.mark.claim("friction-steps")
 @RATIOS
 @pytest.mark.parametrize("mu", [0.2, math.inf])
@@ -564,23 +496,6 @@ def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu, ratio):
 
 
 # -- one step -------------------------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=50)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_a_ball_that_only_slides_is_turned_to_where_its_torque_vanishes(seed, contacts):
-    draw = np.random.default_rng(seed)
-    bent, stiffness, limits = draw.normal(size=contacts), draw.uniform(0.1, 1.0, contacts), draw.uniform(0.1, 1.0, contacts)
-    arms = draw.choice([-0.5, 0.5], contacts)
-
-    def torque(angle):
-        return arms @ np.clip(bent + stiffness * arms * angle, -limits, limits)
-
-    columns = [one[:, None] for one in (bent, stiffness * arms, limits, arms)]
-    (angle,) = load_step._unwind(*columns)
-    assert abs(torque(angle)) < 1e-12
-    assert torque(-1e3) < 0.0 < torque(1e3)  # so that there is such an angle
-    np.testing.assert_array_equal(load_step._unwind(*columns[:2], np.zeros_like(columns[2]), columns[3]), 0.0)
 
 
 # a kagome lattice whose balls are taken from different cells: contacts lead far along both axes, either way
@@ -613,19 +528,6 @@ def test_product_is_that_of_the_law_with_deformations(monkeypatch, lattice, shap
 
 
 # -- starts ---------------------------------------------------------------------------------------------------------------
-
-
-def test_a_start_may_be_a_load():
-    loads = ramp(0.6, 0.8, steps=1)
-    given = run(history((6, 6), 0.2, start=equilibrate(balls((6, 6)), ReducedLoad(overlap=0.1))), loads)[0]
-    found = run(history((6, 6), 0.2, start=ReducedLoad(overlap=0.1)), loads)[0]
-    np.testing.assert_array_equal(found.contacts.forces, given.contacts.forces)
-
-
-@pytest.mark.parametrize("load", [ReducedLoad(overlap=-0.3), ReducedLoad(force=1e-10)])
-def test_a_start_below_the_threshold_is_an_error(load):
-    with pytest.raises(InputError, match="starts below the threshold"):
-        history((6, 6), 0.2, start=load).begin()
 
 
 @pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE])
@@ -790,20 +692,6 @@ def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
 
 
 @pytest.mark.parametrize(
-    ("load", "name"), [(ReducedLoad(overlap=0.25), "an overlap of 0.25"), (ReducedLoad(force=0.3), r"f\* = 0.3")]
-)
-def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, name):
-    states = history((6, 6), 0.2).path([ReducedLoad(overlap=0.05), load])
-    assert next(states).overlap == 0.05
-    monkeypatch.setattr(load_step, "_NEWTON_STEPS", 0)
-    monkeypatch.setattr(stepper, "SLOW_LIMITS", load_step.FixedLimitSettings(0, 0, 0.0, 1))
-    monkeypatch.setattr(stepper, "MOST_HALVINGS", 1)
-    with pytest.raises(ConvergenceError, match=name + r".*was last at an overlap of .*, f\* = ") as caught:
-        next(states)
-    assert caught.value.reached.overlap >= 0.05
-
-
-@pytest.mark.parametrize(
     ("mu", "first", "last", "said"),
     [
         (math.inf, 0.05, -0.3, "No load is left on the balls"),
@@ -862,39 +750,7 @@ def test_a_solution_that_repeats_itself_or_cannot_be_reached_ends():
     assert taken == 0
 
 
-@pytest.mark.parametrize("kinds", [5, 25])
-def test_minimal_residuals_take_no_more_iterations_than_there_are_eigenvalues(kinds):
-    """Vectors are then as many as need shorter parts, and their length is not a whole number of parts."""
-    draw = np.random.default_rng(3)
-    values = np.resize(np.linspace(1.0, 100.0, kinds), 2500).astype(np.float32)
-    right = draw.normal(size=values.size)
-    found, taken = solve_by_minimal_residuals(lambda v: values * v, lambda v: v, right, 1e-5, 100)
-    assert taken <= kinds
-    assert np.linalg.norm(values * found - right) <= 1.1e-5 * np.linalg.norm(right)
-
-
 def test_where_the_array_stands_no_step_is_taken():
     first, again, last = run(history((6, 6), 0.2), [ReducedLoad(overlap=y) for y in (0.1, 0.1, 0.2)])
     assert again is first
     assert last.steps > first.steps
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ({"mu": -0.1}, "friction coefficient"),
-        ({"mu": math.nan}, "friction coefficient"),
-        ({"tolerance": 0.0}, "tolerance"),
-        ({"start": "liquid"}, 'cannot start at "liquid"'),
-    ],
-)
-def test_bad_input(change, why):
-    with pytest.raises(InputError, match=why):
-        history((4, 4), **change)
-
-
-def test_a_history_needs_shear_stiffness_and_a_load():
-    with pytest.raises(InputError, match="shear stiffness"):
-        LoadingHistory(balls((4, 4)), Stencils((4, 4)))
-    with pytest.raises(InputError, match="not above zero"):
-        run(history((4, 4)), [ReducedLoad(force=0.0)])

@@ -15,7 +15,7 @@ from scipy.integrate import simpson
 import granphon as gp
 from granphon.array import linear_response
 from granphon.array.equilibrium import equilibrate
-from granphon.array.geometry import ExactGeometry, ExactPlace, LatticeGeometry, ReducedLoad
+from granphon.array.geometry import ExactGeometry, LatticeGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.pressed_sample import PressedEquilibrium
@@ -390,7 +390,7 @@ def test_an_equilibrium_does_not_depend_on_the_other_loads():
     x, load = balls((12, 12), 3), ReducedLoad(overlap=-0.03)
     alone = find_equilibria(x, TRIANGULAR, [load], 1, STEEL_WIDTH)[0]
     among = find_equilibria(x, TRIANGULAR, [ReducedLoad(overlap=0.1), load, ReducedLoad(overlap=0.0)], 1, STEEL_WIDTH)[1]
-    again = find_equilibrium(x, TRIANGULAR, load, (0.0, among.balls), 1, STEEL_WIDTH)
+    again = find_equilibrium(x, Stencils((12, 12)), load, (0.0, among.balls), STEEL_WIDTH)
     for other in (among, again):
         np.testing.assert_array_equal(other.balls, alone.balls)
 
@@ -411,13 +411,6 @@ def test_what_the_geometry_needs():
             ExactGeometry(stencils, np.zeros((3, 3)), ratio)
     with pytest.raises(InputError, match="carries no load"):
         equilibrate_exactly(balls((6, 6)), ReducedLoad(overlap=-0.3), 1e-3)
-
-
-def test_plain_data_keep_the_ratio():
-    state = at_rest((5, 5), 2, 0.3, 0.05)
-    again = TrueEquilibrium.from_dict(state.to_dict())
-    assert again == state
-    np.testing.assert_array_equal(again.forces, state.forces)
 
 
 @pytest.mark.claim("friction-small-widths")
@@ -451,7 +444,7 @@ def test_moduli_are_changes_of_stress_in_strained_cells(eta):
     ("lattice", "shape", "mu", "response"),
     [(TRIANGULAR, (3, 4), math.inf, "stick"), *((FCC, (3, 3, 3), 0.05, one) for one in ("slide", "partial_slip", "stick"))],
 )
-def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu, response, monkeypatch):
+def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu, response):
     """After a history; where contacts that slide have no springs, the forces that act hold some balls alone."""
     ratio, overlap = 0.02, 0.4
     x, stencils = balls(shape, 2, lattice), Stencils(shape, ETA, lattice=lattice)
@@ -460,11 +453,9 @@ def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu
         [ReducedLoad(overlap=overlap)]
     )
     assert np.max(np.abs(pressed.contacts.shears)) > 0.02 * pressed.force
-    state, taken, respond = PressedEquilibrium.of(pressed, x, stencils, ratio), [], ExactPlace.respond
+    state = PressedEquilibrium.of(pressed, x, stencils, ratio)
     ratios = state.shear_ratios(response)
-    monkeypatch.setattr(ExactPlace, "respond", lambda *given: taken.append(1) or respond(*given))
     found = state.find_elasticity(ratios)
-    assert len(taken) < 200  # it was more than 3000 for "slide"
     still = in_space(stencils, stencils.spread(state.balls, state.rotations))
     twin = Positions(stencils, x, ratio, overlap, still, ratios * state.stiffnesses, state.shears)
     assert np.max(np.abs(twin.balance(still))) < 2e-9 * state.force
@@ -787,7 +778,7 @@ def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lat
 
 
 @pytest.mark.parametrize("width", [1e-12, 1e-18])
-def test_balls_that_hardly_differ_have_a_response(monkeypatch, width):
+def test_balls_that_hardly_differ_have_a_response(width):
     """Forces are 1e8 to 1e12 times those that differences of the balls make: that many digits of the response are lost."""
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(width))
     options = {"friction_history": True, "friction_coefficient": 0.2, "geometry": "exact"}

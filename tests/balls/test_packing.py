@@ -48,14 +48,6 @@ def test_impossible_packings(steel, change, text):
         gp.Packing(**({"material": steel, "diameter": 8e-3} | change))
 
 
-@given(d=st.floats(-9.0, 2.0))
-def test_mass_at_every_size(steel, d):
-    with mpmath.workdps(40):
-        diameter = 10.0**d
-        mass = mpmath.pi / 6 * mpmath.mpf(steel.density) * mpmath.mpf(diameter) ** 3
-        assert abs(gp.Packing(steel, diameter).mass / mass - 1) < 2e-15
-
-
 # -- motions and packings -----------------------------------------------------------------------------------------------
 
 WORDS = {1: ["longitudinal", "in_plane", "out_of_plane", "all"], 2: ["in_plane", "out_of_plane", "all"], 3: ["all"]}

@@ -1,8 +1,6 @@
 """Benchmarks of simulations in space: ratios, each measured side by side in one run, each with the bound it is to keep.
 
-    python tests/benchmarks/bench_arrays.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. Balls on the fcc lattice are spread uniformly and rest under a given overlap; one
+Balls on the fcc lattice are spread uniformly and rest under a given overlap; one
 thread throughout.
 """
 
@@ -10,13 +8,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator, cg
-from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
+from side_by_side import Part, Row, alternate, over, run_alone, spend
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, equilibrate
@@ -131,6 +128,3 @@ def million(repeats: int) -> list[Row]:
 
 #: memory first: it is measured in a process that inherits the peak of this one
 PARTS: dict[str, Part] = {"fcc-million": million, "fcc-against": against, "fcc-growth": growth}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of simulations in space", PARTS))

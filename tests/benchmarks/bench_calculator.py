@@ -1,19 +1,13 @@
-"""Benchmarks of the calculator: ratios, each measured side by side in one run.
-
-    python tests/benchmarks/bench_calculator.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. The documentation quotes a run.
-"""
+"""Benchmarks of the calculator: ratios, each measured side by side in one run."""
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, over
+from side_by_side import Part, Row, alternate, over
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -56,6 +50,3 @@ def neighbours(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"neighbours": neighbours}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of the calculator", PARTS))

@@ -1,21 +1,15 @@
-"""Benchmarks of crystals in space: ratios, each measured side by side in one run, and the largest density of states.
-
-    python tests/benchmarks/bench_crystals.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. The documentation quotes a run.
-"""
+"""Benchmarks of crystals in space: ratios, each measured side by side in one run, and the largest density of states."""
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
+from side_by_side import Part, Row, alternate, over, run_alone, spend
 
 Array = NDArray[np.float64]
 #: points on a segment of a path
@@ -181,6 +175,3 @@ def densities(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"space": space}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of crystals in space", PARTS))

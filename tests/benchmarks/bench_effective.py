@@ -1,21 +1,15 @@
-"""Benchmarks of the effective medium: ratios, each measured side by side in one run.
-
-    python tests/benchmarks/bench_effective.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. The documentation quotes a run.
-"""
+"""Benchmarks of the effective medium: ratios, each measured side by side in one run."""
 
 from __future__ import annotations
 
 import math
 import statistics
-import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from side_by_side import Part, Row, alternate, command_line, over
+from side_by_side import Part, Row, alternate, over
 
 import granphon as gp
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
@@ -142,6 +136,3 @@ def fields(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"curves": curves, "lots": lots, "loads": loads, "fields": fields}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of the effective medium", PARTS))

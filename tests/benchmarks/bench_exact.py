@@ -1,18 +1,15 @@
 """Benchmarks of the exact geometry: processor times over those on the lattice, side by side in one run.
 
-    python tests/benchmarks/bench_exact.py [--json FILE] [--repeats N] [--only PART ...]
-
 Balls of W/d = 1e-7, where both have the same equilibria, rest under a given overlap; the exact equilibrium begins at the
 sites. The ratios, without a bound, say what one solver for both geometries would cost.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 
 import numpy as np
-from side_by_side import Part, Row, command_line
+from side_by_side import Part, Row
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
@@ -44,6 +41,3 @@ def compare_limit(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"limit": compare_limit}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of the exact geometry", PARTS))

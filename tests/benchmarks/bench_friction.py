@@ -1,22 +1,19 @@
 """Benchmarks of the loading with friction: ratios, each measured side by side in one run.
 
-    python tests/benchmarks/bench_friction.py [--json FILE] [--repeats N] [--only PART ...]
-
 There are three units. One is the same path without friction: equilibria at the same loads, each found from the one before.
 It tells what friction costs. The next is the mean of these equilibria, each found anew, of which a path is to take at most
 forty. The last is one of them, that at a* = 1, found a second time: the first call also imports what it needs. Equilibria
 at lower loads cost more: the path without friction already takes some eighty of it. The path starts at rest without friction
-at a* = 1/2, which is part of its cost, and its steps are refined as by default. The exit code is 1 if a bound is missed.
+at a* = 1/2, which is part of its cost, and its steps are refined as by default.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, over
+from side_by_side import Part, Row, alternate, over
 
 STEPS = 40
 ETA = 0.82
@@ -82,6 +79,3 @@ def paths(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"paths": paths}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of the loading with friction", PARTS))

@@ -1,9 +1,4 @@
-"""Benchmarks of the ordered lattice: ratios, each measured side by side in one run.
-
-    python tests/benchmarks/bench_ordered.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. The documentation quotes a run.
-"""
+"""Benchmarks of the ordered lattice: ratios, each measured side by side in one run."""
 
 from __future__ import annotations
 
@@ -19,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, over
+from side_by_side import Part, Row, alternate, over
 
 #: points on a segment where what does not depend on their number matters little
 MANY = 2001
@@ -277,6 +272,3 @@ def directions(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"bands": bands, "command": command, "directions": directions}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of the ordered lattice", PARTS))

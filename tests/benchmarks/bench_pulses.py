@@ -1,18 +1,15 @@
 """Benchmarks of pulses through networks of contacts: each with the bound that it is to keep.
 
-    python tests/benchmarks/bench_pulses.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. One thread throughout.
+One thread throughout.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
-from side_by_side import Part, Row, alternate, command_line
+from side_by_side import Part, Row, alternate
 
 import granphon as gp
 from granphon.networks.network import ContactNetwork
@@ -101,6 +98,3 @@ def bandwidth(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"pulse": pulse, "bandwidth": bandwidth}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of pulses", PARTS))

@@ -1,15 +1,12 @@
 """Benchmarks of the direct simulation: ratios, each measured side by side in one run, each with the bound it is to keep.
 
-    python tests/benchmarks/bench_simulation.py [--json FILE] [--repeats N] [--huge]
-
-The exit code is 1 if a bound is missed. ``--huge`` adds ten million balls, some minutes and some GiB. Balls are spread
+``--huge`` adds ten million balls, some minutes and some GiB. Balls are spread
 uniformly and rest under a given overlap; one thread throughout.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +14,7 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
+from side_by_side import Part, Row, alternate, over, run_alone, spend
 
 import granphon as gp
 from granphon.array import equilibrium as module
@@ -229,6 +226,3 @@ PARTS: dict[str, Part] = {
     "seconds": seconds,
 }  # fmt: skip
 HUGE_PARTS: dict[str, Part] = {"huge": memory(HUGE, 24.0)}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of the direct simulation", PARTS, HUGE_PARTS))

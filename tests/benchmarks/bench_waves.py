@@ -1,21 +1,18 @@
 """Benchmarks of waves in arrays as they are: densities of states, and the product of an array with a vector.
 
-    python tests/benchmarks/bench_waves.py [--json FILE] [--repeats N]
-
-The exit code is 1 if a bound is missed. The rivals are the same recursion with SciPy's sparse product, and kwant where it is
+The rivals are the same recursion with SciPy's sparse product, and kwant where it is
 installed (its kpm, on the same matrix, with the same numbers of moments and of vectors).
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from side_by_side import Part, Row, alternate, command_line, over, run_alone, spend
+from side_by_side import Part, Row, alternate, over, run_alone, spend
 
 Array = NDArray[np.float64]
 #: balls on a side of the array that rivals take too, and of the largest one
@@ -149,6 +146,3 @@ def modes(repeats: int) -> list[Row]:
 
 
 PARTS: dict[str, Part] = {"waves": waves, "modes": modes}
-
-if __name__ == "__main__":
-    sys.exit(command_line("Benchmarks of waves in arrays", PARTS))

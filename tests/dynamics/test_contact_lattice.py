@@ -337,22 +337,6 @@ def test_a_lattice_is_the_same_in_every_cell(steel, name, cell, finite):
         np.testing.assert_allclose(there.group, here.group, rtol=1e-8 if finite else 1e-11)
 
 
-@pytest.mark.parametrize("finite", [False, True])
-@pytest.mark.parametrize(("name", "cell"), LARGER)
-def test_bands_of_a_larger_cell_are_folded(name, cell, finite):
-    terms = (0.99, 2 / 3 * 0.01 / 0.99) if finite else (1.0, 0.0)
-    small, large = (gp.ContactLattice.of(CELLS[name][which], 0.84, *terms) for which in ("1", cell))
-    # the copies of Gamma of the larger cell that differ in the smaller one
-    steps = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 2), axis=-1).reshape(-1, 2)
-    parts = np.round((steps @ large.reciprocal) @ small.cell.T / (2 * np.pi) % 1.0, 9) % 1.0
-    _, first = np.unique(parts, axis=0, return_index=True)
-    assert len(first) == large.n_balls
-    for q in ([0.0, 0.0], [0.21, -0.13], [1e-5, 2e-5]):
-        expected = np.sort(small.frequencies(np.asarray(q) + steps[first] @ large.reciprocal).ravel())
-        # rounding of D, whose roots these are, where prestress leaves no C
-        np.testing.assert_allclose(large.frequencies([q])[0], expected, rtol=0.0, atol=1e-7 if finite else 1e-13)
-
-
 def test_what_decouples_in_a_larger_cell_is_no_mechanism_and_what_couples_is():
     gears = CELLS["square"]["sqrt2"]
     assert np.sum(gp.ContactLattice.of(gears, 0.84).frequencies([[0.0, 0.0]]) < 1e-14) == 3

@@ -123,16 +123,6 @@ def test_dense_eigenvalues_have_no_digit_left_near_gamma(hexagonal):
         assert np.max(np.abs(hexagonal.frequencies(q * along)[:, :2] / q / exact - 1)) < 4e-15
 
 
-@pytest.mark.claim("digits-near-gamma", "api-waves")
-def test_near_gamma_at_forty_digits(twin, hexagonal):
-    with mpmath.workdps(60):
-        for exponent in (-12, -8, -4, -2):
-            q = [6.0 * 10.0**exponent, 8.0 * 10.0**exponent]
-            exact = twin.exact_squares(twin.exact_hexagon(), [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
-            for value, square in zip(hexagonal.frequencies([q])[0], exact, strict=True):
-                assert abs(value / mpmath.sqrt(square) - 1) < 4e-15
-
-
 # -- the rotational branch --------------------------------------------------------------------------------------------
 
 
@@ -201,23 +191,7 @@ def test_square_moduli_and_velocities_of_a_packing(steel):
         _ = gp.moduli(state).shear
 
 
-@given(eta=st.floats(0.05, 4 / 3), angle=angles)
-def test_kagome_velocities_against_the_sums_at_fifty_digits(twin, eta, angle):
-    cell, sites = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
-    with mpmath.workdps(50):
-        # exact normals in place of the double-precision ones
-        neighbours = []
-        for i, j, (x, y) in twin.neighbours(cell, sites):
-            p = round(math.atan2(y, x) / (math.pi / 3))
-            neighbours.append((i, j, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))))
-        q = mpmath.mpf("1e-12")
-        exact = twin.exact_squares(neighbours, [q * mpmath.cos(angle), q * mpmath.sin(angle)], mpmath.mpf(eta))
-        lattice = gp.ContactLattice.of("kagome", eta)
-        found = np.sort(lattice.sound_velocities((math.cos(angle), math.sin(angle)))[0])
-        for value, square in zip(found, exact[:2], strict=True):
-            assert abs(value / (mpmath.sqrt(square) / q) - 1) < 1e-13
-
-
+@pytest.mark.claim("digits-near-gamma", "api-waves")
 @pytest.mark.parametrize("lattice", ["triangular", "kagome"])
 @pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-12])
 def test_every_branch_near_gamma_at_forty_digits(twin, lattice, size):
@@ -242,66 +216,6 @@ def test_every_branch_near_gamma_at_forty_digits(twin, lattice, size):
 
 
 # -- finite overlap ---------------------------------------------------------------------------------------------------
-
-
-def hertz_hessian(shape, overlap, digits):
-    """Second derivatives of the exact Hertz energy of a periodic cluster, by central differences at high precision.
-
-    Diameter 1 and stiffness 1: c = 2/3 delta^-1/2. Returns {(m, n): 2x2 d2E/du_00 du_mn} in double precision.
-    """
-    with mpmath.workdps(digits):
-        delta = mpmath.mpf(overlap)
-        a, c = 1 - delta, mpmath.mpf(2) / 3 / mpmath.sqrt(delta)
-        first, second = (a, mpmath.mpf(0)), (-a / 2, a * mpmath.sqrt(3) / 2)
-        bonds = [(1, 0), (0, 1), (1, 1)]
-
-        def energy(moved):
-            total = mpmath.mpf(0)
-            for m in range(shape[0]):
-                for n in range(shape[1]):
-                    for dm, dn in bonds:
-                        one, two = moved.get((m, n)), moved.get(((m + dm) % shape[0], (n + dn) % shape[1]))
-                        if one is None and two is None:
-                            continue  # a bond at rest adds a constant
-                        x, y = dm * first[0] + dn * second[0], dm * first[1] + dn * second[1]
-                        ux, uy = one or (0, 0)
-                        wx, wy = two or (0, 0)
-                        rest = 1 - mpmath.hypot(x + wx - ux, y + wy - uy)
-                        total += mpmath.mpf(2) / 5 * c * rest * rest * mpmath.sqrt(rest) - mpmath.mpf(
-                            2
-                        ) / 5 * c * delta**2 * mpmath.sqrt(delta)
-            return total
-
-        h = delta * mpmath.mpf(10) ** (-digits // 4)
-        out = {}
-        for m in range(shape[0]):
-            for n in range(shape[1]):
-                block = np.zeros((2, 2))
-                for alpha in (0, 1):
-                    for beta in (0, 1):
-                        value = mpmath.mpf(0)
-                        for s in (1, -1):
-                            for t in (1, -1):
-                                moved = {(0, 0): [s * h if c == alpha else mpmath.mpf(0) for c in (0, 1)]}
-                                other = moved.setdefault((m, n), [mpmath.mpf(0), mpmath.mpf(0)])
-                                other[beta] += t * h
-                                value += s * t * energy(moved)
-                        block[alpha, beta] = value / (4 * h * h)
-                out[m, n] = block
-        return out
-
-
-@pytest.mark.claim("finite-overlap-exact")
-@pytest.mark.parametrize("overlap", [0.2, 1e-2, 1e-5])
-def test_frictionless_matrix_is_the_hessian_of_the_exact_hertz_energy(overlap):
-    shape = (5, 4)
-    hessian = hertz_hessian(shape, overlap, 60)
-    lattice = gp.ContactLattice.of("triangular", 0.0, 1 - overlap, 2 / 3 * overlap / (1 - overlap))
-    cells = np.array(list(hessian))
-    fractions = np.array([[m / shape[0], n / shape[1]] for m in range(shape[0]) for n in range(shape[1])])
-    phases = np.exp(2j * math.pi * fractions @ cells.T)
-    matrices = np.einsum("qc,cab->qab", phases, np.array(list(hessian.values())))
-    assert_allclose(lattice.dynamical_matrix(lattice.wavevectors(fractions)), matrices, atol=2e-14)
 
 
 @given(overlap=st.floats(-12, -0.6), eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)), angle=angles)

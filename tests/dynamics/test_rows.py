@@ -40,45 +40,6 @@ def deform(n, arm_i, arm_j, u_i, phi_i, u_j, phi_j):
     }  # fmt: skip
 
 
-def in_space(vectors):
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
-
-
-def hessian(lattice):
-    """D(q) of all six motions, a function of q, from energies of unit motions: bilinear, so that they give it exactly."""
-    table, n = lattice.contacts, lattice.n_balls
-    normal, unit = in_space(table.normal), np.eye(6)
-
-    def matrix(q):
-        total = np.zeros((6 * n, 6 * n), complex)
-        for c, (i, j) in enumerate(zip(table.i, table.j, strict=True)):
-            # C of this contact at both ends, every motion in turn, and the phases of the balls' own places
-            wave = np.exp(1j * (table.vector[c] @ q))
-            columns = {kind: [] for kind in (*RATIOS, "push")}
-            for ball, place in ((i, 1.0), (j, wave)):
-                for motion in unit:
-                    x = np.zeros((2, 6))
-                    x[int(place is wave)] = (
-                        motion / np.repeat([1.0, lattice.gyration[ball]], 3) / np.sqrt(lattice.masses[ball])
-                    )
-                    found = deform(normal[c], table.arm_i[c], table.arm_j[c], x[0, :3], x[0, 3:], x[1, :3], x[1, 3:])
-                    found["push"] = (np.eye(3) - np.outer(normal[c], normal[c])) @ (x[1, :3] - x[0, :3])
-                    for kind, value in found.items():
-                        columns[kind].append(place * np.atleast_1d(value))
-            block = np.zeros((12, 12), complex)
-            weights = {kind: ratio * lattice.stiffness[c] for kind, ratio in RATIOS.items()} | {
-                "push": -lattice.prestress[c]
-            }
-            for kind, weight in weights.items():
-                rows = np.array(columns[kind]).T
-                block += weight * rows.conj().T @ rows
-            where = np.concatenate([6 * i + np.arange(6), 6 * j + np.arange(6)])
-            np.add.at(total, (where[:, None], where[None, :]), block)
-        return total
-
-    return matrix
-
-
 def lattice_of(name, motions=ALL, rough=False):
     """A lattice with all kinds of stiffness; ``rough``: balls, contacts and static forces that differ."""
     if name == "fcc":
@@ -223,21 +184,6 @@ def test_what_no_motion_does_has_no_row(motions, ratios, kinds):
 # -- D(q) of six motions ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rough", [False, True])
-@pytest.mark.parametrize("name", ["triangular", "kagome", "fcc", "fcc, cubic"])
-def test_dynamical_matrix_of_six_motions_against_vectors_in_space(name, rough):
-    lattice = lattice_of(name, rough=rough)
-    expected, d = hessian(lattice), lattice.positions.shape[1]
-    q = np.array([[0.7, -0.4, 0.9], [2.1, 1.3, -0.2], [1e-3, 2e-3, 3e-3]])[:, :d]
-    found = lattice.dynamical_matrix(q)
-    for k, one in enumerate(q):
-        assert_allclose(found[k], expected(one), atol=3e-13)
-    if not rough:  # static forces may buckle a plane
-        assert_allclose(lattice.frequencies(q) ** 2, np.linalg.eigvalsh(found), atol=1e-12)
-    rows = lattice._deforming.compute_rows(q)
-    assert np.isrealobj(rows) is (not rough or lattice.n_balls == 1)
-
-
 def test_force_constants_of_six_motions_stand_in_two_atoms_a_ball():
     lattice = lattice_of("kagome", rough=True)
     table, blocks, q = lattice.contacts, contact_blocks(lattice), np.array([0.7, -0.4])
@@ -250,42 +196,7 @@ def test_force_constants_of_six_motions_stand_in_two_atoms_a_ball():
     assert_allclose(total / root / root[:, None], lattice.dynamical_matrix(q[None])[0], atol=1e-13)
 
 
-@pytest.mark.parametrize("rough", [False, True])
-@pytest.mark.parametrize("name", ["triangular", "kagome"])
-def test_motions_in_and_out_of_the_plane_are_apart(name, rough):
-    # x y z w_x w_y w_z
-    inside, outside = [0, 1, 5], [2, 3, 4]
-    every, flat, upright = (lattice_of(name, motions, rough) for motions in (ALL, IN_PLANE, OUT_OF_PLANE))
-    q = np.array([[0.7, -0.4], [1e-9, 2e-9]])
-    matrix = every.dynamical_matrix(q).reshape(2, every.n_balls, 6, every.n_balls, 6)
-    for a, b in ((inside, outside), (outside, inside)):
-        assert np.all(matrix[:, :, a][..., b] == 0.0)
-    for part, lattice in ((inside, flat), (outside, upright)):
-        block = matrix[:, :, part][..., part].reshape(2, lattice.n_branches, -1)
-        assert_allclose(block, lattice.dynamical_matrix(q), atol=1e-15)
-
-
 # -- fcc ----------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("eta", [0.0, 0.3, 1.0])
-def test_moduli_of_fcc_are_those_of_duffy_and_mindlin(eta):
-    # C11 = sqrt(2) (k + kappa)/d = 2 C44, C12 = (k - kappa)/(sqrt(2) d) (J. Appl. Mech. 24, 585, 1957)
-    lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), eta, motions=ALL)
-    assert lattice.motions.count == (6 if eta else 3)
-    c = lattice.gradient_stiffness() / lattice.measure
-    root = math.sqrt(2.0)
-    expected = np.zeros((3, 3, 3, 3))
-    for i, j in itertools.product(range(3), repeat=2):
-        expected[i, i, j, j] += (1.0 - eta) / root
-        expected[i, j, i, j] += (1.0 + eta) / root
-        expected[i, j, j, i] += (1.0 + eta) / root
-        if i == j:  # C11, C12, C44
-            expected[i, i, i, i] = root * (1.0 + eta)
-    for i, j in itertools.permutations(range(3), 2):
-        expected[i, j, i, j] = expected[i, j, j, i] = (1.0 + eta) / root
-        expected[i, i, j, j] = (1.0 - eta) / root
-    assert_allclose(c, expected, atol=1e-13)
 
 
 def test_the_rows_of_a_cell_are_its_compatibility():

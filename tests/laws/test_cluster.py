@@ -23,6 +23,7 @@ from granphon.laws.cluster_balance import ClusterBalance, PointSource
 from granphon.laws.cluster_descent import ClusterDescent
 from granphon.media.choice import MediumChoice
 from granphon.runs.workers import Workers
+from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6
@@ -336,7 +337,7 @@ def test_descent_comes_near_the_equilibrium():
         closed = np.maximum(h, 0.0) ** 1.5
         assert np.sqrt(np.mean((after - h)[h > 0.0] ** 2)) < near
         # what the balance is a mean of is the same after the descent, but for a constant
-        after = descent._evaluate(found, found.effective, *descent._few, (steps,))[0]
+        after = descent._evaluate(found, found.effective, descent._few, (steps,))[0]
         assert np.std(found.realisations - after[:, 0]) < 2.0 * near * np.std(closed[:, response.central].mean(axis=1))
         means = [found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
         assert_allclose(after[:, 1:4].mean(axis=0), means, rtol=0.01)
@@ -367,24 +368,31 @@ def test_many_realisations_take_the_quadrature_error_off(lattice):
         assert_allclose(square, force**2 * (1.0 + before.fluctuation**2), rtol=0.02)
 
 
-@pytest.mark.parametrize("processors", [2, 5])
+@pytest.fixture
+def processors(monkeypatch):
+    """How many there are said to be, in a list that a test may change."""
+    found = [3]
+    monkeypatch.setattr(threads, "count_processors", lambda: found[0])
+    return found
+
+
 def test_the_number_of_threads_changes_no_digit(processors, monkeypatch):
-    response = cluster_response(TRIANGULAR, 0.0)
     monkeypatch.setattr(balances, "_AT_ONCE", 2**11)
+    response = cluster_response(TRIANGULAR, 0.0)
 
     def solve(count):
-        monkeypatch.setattr(threads, "count_processors", lambda: count)
+        processors[0] = count
         balance = ClusterBalance(response, draw(response, 64, 2))
         found = balance.solve(0.3, START)
         means, error, _ = ClusterDescent(balance, FLAT).refine(found, 1e-3, 1)
         return found.effective, found.realisations, means, error
 
-    for one, other in zip(solve(1), solve(processors), strict=True):
+    for one, other in zip(solve(1), solve(5), strict=True):
         assert_array_equal(one, other)
 
 
-def test_work_is_shared_out_in_order_and_its_errors_are_raised(monkeypatch):
-    monkeypatch.setattr(threads, "count_processors", lambda: 3)
+@pytest.mark.usefixtures("processors")
+def test_work_is_shared_out_in_order_and_its_errors_are_raised():
     assert threads.share_out(lambda n: n * n, range(20)) == [n * n for n in range(20)]
     assert threads.share_out(abs, []) == []
     with pytest.raises(ZeroDivisionError):
@@ -411,8 +419,7 @@ def test_products_are_held_to_one_thread():
 @pytest.mark.claim("cluster-quadrature")
 def test_curves_that_share_no_point_are_as_far_apart_as_their_errors():
     """At the overlaps where it is solved and at those between."""
-    response = cluster_response(TRIANGULAR, 0.0)
-    curves_of = [curves.solve_cluster(response, FLAT, 128, 8, seed) for seed in (0, 100, 200)]
+    curves_of = [curves.cluster_curve(FLAT, TRIANGULAR, 0.0, 7, seed=seed) for seed in (0, 100, 200)]
     y = np.linspace(-0.05, 1.5, 32)
     force = np.array([curve.value(y, curves.FORCE) for curve in curves_of])
     errors = np.array([np.interp(y, curve.nodes, curve.errors) for curve in curves_of])
@@ -500,9 +507,11 @@ def test_force_is_near_that_of_the_simulated_array(medium):
     assert_allclose(cluster.normal_stiffness, array.normal_stiffness, rtol=0.05)
 
 
+SKEWED = gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))
+
+
 @pytest.mark.parametrize(
-    "spread",
-    [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))],
+    "spread", only([SKEWED], [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), SKEWED])
 )
 def test_other_distributions_agree_with_the_effective_medium_at_high_load(spread):
     packing = gp.Packing(STEEL, 8e-3, spread, friction=False)

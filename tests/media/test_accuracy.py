@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import importlib
 import json
 import math
@@ -21,7 +20,7 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
-from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, Accuracy, accuracy, compute_form_coefficients
+from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, accuracy, compute_form_coefficients
 from granphon.media.choice import even_shape
 from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
@@ -345,18 +344,6 @@ def test_on_what_was_held_back_the_promise_is_kept(maker, lattice):
     # nor is it kept by promising next to nothing
     assert np.median([one.realised / one.promised for one in found]) > 0.1
     assert all(one.promised <= one.tolerance for one in found)
-
-
-def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
-    """The same trials fail if errors are taken to be a fifth of what they are."""
-    data = copy.deepcopy(accuracy().data)
-    for media in data["lattices"]["triangular"]["errors"]["uniform"].values():
-        for name, rows in media.items():
-            media[name] = (0.2 * np.array(rows)).tolist()
-    monkeypatch.setattr("granphon.media.choice.accuracy", lambda: Accuracy(data))
-    found = list(maker.trials("triangular", 3, 32, 2, loads=4, ratios=1, spreads=["uniform"]))
-    assert len(found) >= 20
-    assert np.mean([one.kept for one in found]) < 0.8
 
 
 @pytest.mark.parametrize(("larger", "place"), [(0.2, 0.0755), (0.33, 0.117), (0.25, 0.101), (0.4, 0.136)])

@@ -89,7 +89,7 @@ def test_the_default_shape_is_that_of_the_dimension(lattice, default):
     # to write the default out is to say the same
     assert Scene.from_text(written) == scene
     assert scene.media == (MediumChoice("simulation"),)
-    assert scene.plan.case.case.medium.label == "simulation"
+    assert scene.case.case.medium.label == "simulation"
     assert scene.cost().balls == np.prod(default) * (2 if lattice == "hcp" else 1)
     # the default of one dimension is no default of another
     assert MediumChoice.parse({"simulation": {"shape": (128, 128)}}).label == "simulation(shape=128 128)"
@@ -325,16 +325,6 @@ def test_atoms_and_phonons_of_a_mean_over_samples(lattice):
 
 
 # -- extremes -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("force", [1.1e-8, 1e-3, 30.0])
-def test_long_chains_come_to_rest(force):
-    """Displacements add up like a random walk, whose rounding is all that is left of forces on the balls."""
-    balls = packing("chain")
-    state = simulate(balls, (5000,)).at_force(force * balls.width_units.force)
-    assert_allclose(state.overlap, balls.law.overlap(state.force), rtol=1e-11)
-    assert_allclose(gp.moduli(state).bulk, balls.law.stiffness(state.overlap) * D, rtol=1e-11)
-    assert state.contact_force_fluctuation < 1e-9
 
 
 def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does():

@@ -253,17 +253,6 @@ def test_the_distributions_belong_together_where_friction_is_finite():
         rest.tangential_ratio_distribution()
 
 
-def test_work_is_the_integral_of_the_force():
-    overlaps = np.linspace(0.0, 0.3, 13)
-    rest = gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.0)
-    path = simulation(math.inf, step_tolerance=1.0).path(overlap=overlaps[1:] * W)
-    forces = np.append(rest.force, path.force)
-    assert path.work[-1] == pytest.approx(np.trapezoid(forces, overlaps * W), rel=3e-3)
-    gained = path[-1].sample.energy - rest.sample.energy
-    assert path.work[-1] == pytest.approx(gained + path.dissipated_energy[-1], rel=3e-3)
-    assert path.sliding_fraction.tolist() == [0.0] * 12
-
-
 # -- the linear response --------------------------------------------------------------------------------------------------
 
 
@@ -314,17 +303,6 @@ def test_without_friction_the_states_are_those_of_today():
     np.testing.assert_allclose(stuck.elastic_tensor, smooth.elastic_tensor, atol=1e-6 * scale)
     assert none.normal_stiffness == pytest.approx(bare.normal_stiffness, rel=1e-6)
     assert (smooth.sliding_fraction, smooth.work, smooth.dissipated_energy, smooth.tangential_ratio) == (None,) * 4
-
-
-def test_where_no_contact_has_slid_the_stiffness_is_the_slope_of_the_path():
-    start = 1.1  # all contacts are closed, and bear no tangential force
-    k = simulation(math.inf, start=start).at_overlap(0.6 * W).normal_stiffness
-    errors = []
-    for rise in (0.02, 0.01):
-        forces = simulation(math.inf, start=start).at_overlap(np.array([0.6, 0.6 + rise]) * W).force
-        errors.append(np.diff(forces)[0] / (rise * W) / k - 1.0)
-    assert abs(errors[1]) < 0.01
-    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)
 
 
 def test_on_a_way_down_the_slope_of_the_path_is_not_the_stiffness():
@@ -570,11 +548,7 @@ def test_a_load_below_the_start_is_named(kind):
         assert error.value.load_index == 1
 
 
-def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkeypatch):
-    def solve(*given):
-        raise AssertionError("nothing is solved")
-
-    monkeypatch.setattr(LoadingHistory, "begin", solve)
+def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read():
     for load, start in (
         ("overlap: -0.3 um", ""),
         ("force: 1 N", "start: {force: 1.5 N}"),
@@ -602,44 +576,12 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read(monkey
         ("{force: 0.4 N}", "start: 0.345", r":6: medium.simulation.start: found 0.345; .* below the threshold"),
     ],
 )
-def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(load, start, where, monkeypatch):
-    monkeypatch.setattr(LoadingHistory, "path", lambda *given: pytest.fail("a load is solved"))
+def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(load, start, where):
     given = options(*HISTORY, "samples: 2", *[start] * bool(start))
     with pytest.raises(SceneError, match=where):
         scene(load=load, medium=given)
     scene(load=load, medium=given.replace("{simulation: {", "{simulation: {ordered: true, "))
     scene(load=load, medium=given.replace("shape: 4 4", "shape: 200 200"))  # that would take long
-
-
-@pytest.mark.parametrize(
-    ("given", "found"),
-    [
-        (("shape: 70 70", "geometry: lattice"), True),
-        (("shape: 71 71", "geometry: lattice"), False),
-        (("samples: 8", "geometry: lattice"), True),
-        (("samples: 9", "geometry: lattice"), False),  # small samples take as long as one of 625 balls
-        (("shape: 15 15", "geometry: exact"), True),
-        (("shape: 16 16", "geometry: exact"), False),
-        (("samples: 2",), True),  # a history is exact
-        (("samples: 3",), False),
-        (("samples: 8", "geometry: lattice", "start: {force: 0.01 N}"), False),  # the rest at a low force takes long
-    ],
-)
-def test_starts_are_found_when_a_scene_is_read_if_they_are_quick(given, found, monkeypatch):
-    asked = []
-    monkeypatch.setattr(gp.DirectSimulation, "require_start", lambda *given: asked.append(given))
-    load = "{overlap: 0.4 um}" if "start" in given[-1] else "{force: 2 N}"
-    medium = options(*HISTORY, *given)
-    scene(load=load, medium=medium.replace("shape: 4 4, ", "", "shape" in given[0]))
-    assert bool(asked) == found
-
-
-def test_starts_are_counted_over_all_cases(monkeypatch):
-    asked = []
-    monkeypatch.setattr(gp.DirectSimulation, "require_start", lambda *given: asked.append(given))
-    one = options(*HISTORY, "samples: 4", "geometry: lattice")
-    scene(medium=f"[{one}, {one.replace('0.2', '0.3')}, {one.replace('0.2', '0.4')}, ema]")
-    assert len(asked) == 2
 
 
 def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
@@ -750,7 +692,7 @@ def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
     text = SCENE.replace("2.04 um}", "2.04 um}, finite_overlap: true")
     for geometry in ("", "geometry: exact, "):
         given = gp.Scene.from_text(text.replace("friction_history: true", f"{geometry}friction_history: true"))
-        assert given.plan.case.state.finite_overlap
+        assert given.case.state.finite_overlap
     with pytest.raises(InputError, match="no terms of finite overlap"):
         gp.Scene.from_text(text.replace("friction_history: true", "geometry: lattice, friction_history: true"))
 
@@ -769,7 +711,6 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
     (facts, _), *_ = describe_lines(read_run(tmp_path / "out").dataset, "force")
     assert "finite overlap" in facts["overlap"]
     known = result.state.contact_lattice()
-    monkeypatch.setattr(gp.DirectSimulation, "at", None)  # its asymptotes are drawn without simulating again
     drawn = []
 
     def draw(asymptotes, **given):
@@ -909,7 +850,7 @@ def test_a_fit_below_the_start_says_which_datum():
 )
 def test_mistakes_in_a_scene(given, why):
     with pytest.raises(InputError, match=why):
-        scene(medium=given).plan.require()
+        scene(medium=given).require()
 
 
 #: a medium on lines of its own, the last of which is the start

@@ -19,7 +19,6 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, MechanismError, PrecisionError
-from granphon.dynamics.local_field import local_field
 from granphon.observables.velocities import local_exponent
 
 SI = ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness")
@@ -213,17 +212,6 @@ def test_loads_beyond_double_precision(packing, name, load):
         getattr(gp.AveragedLattice(packing), f"at_{name}")(load)
 
 
-@pytest.mark.parametrize("pressure", [20.0, 4e3, [1.0, 1e5]])
-def test_pressure_and_density_of_a_boundary_that_follows_the_balls(packing, pressure):
-    state = gp.AveragedLattice(packing).at_pressure(pressure, finite_overlap=True)
-    assert_allclose(state.pressure, pressure, rtol=1e-14)
-    v, m = gp.sound_velocities(state), gp.moduli(state)
-    assert_allclose(m.bulk + m.shear, state.effective_density * v.longitudinal**2, rtol=1e-13)
-    again = gp.AveragedLattice(packing).at_force(state.force, finite_overlap=True)
-    assert_allclose(again.pressure, pressure, rtol=1e-14)
-    assert gp.AveragedLattice(packing).at_force(1.0).effective_density == packing.effective_density
-
-
 @pytest.mark.parametrize(
     "load", [True, "18.4", 1 + 2j, np.ma.masked_array([1.0, 5.0], mask=[0, 1]), np.datetime64("2020-01-01")]
 )
@@ -390,20 +378,6 @@ def test_loads_too_low_for_the_medium(steel, make):
             medium.at_force(0.999e-6 * unit)
 
 
-def test_the_effective_medium_has_the_local_field_of_its_bending(steel):
-    rough = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), lattice="square")
-    plain = gp.EffectiveMedium(rough).at_force(18.446)
-    for more in ({"motions": "all"}, {"motions": "all", "torsion": 0.1}, {"motions": "out_of_plane"}):
-        state = gp.EffectiveMedium(dataclasses.replace(rough, **more)).at_force(18.446)
-        assert state.normal_stiffness == plain.normal_stiffness
-    for more in ({"bending": 0.1}, {"motions": "all", "bending": 0.1}):
-        medium = gp.EffectiveMedium(dataclasses.replace(rough, **more))
-        assert medium.local_field == local_field("square", rough.mindlin_ratio, 0.1)
-        assert medium.at_force(18.446).normal_stiffness < plain.normal_stiffness
-    with pytest.raises(InputError, match="the paper gives no local field with bending"):
-        gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), bending=0.1), local_field="paper")
-
-
 def test_validity_and_regime_at_their_borders(steel):
     packing = differing(steel)
     medium, unit = gp.EffectiveMedium(packing), unit_of_force(packing)
@@ -440,19 +414,6 @@ def test_effective_medium_of_other_lattices(steel, lattice):
 
 
 # -- macroscopic properties (47)-(49) -----------------------------------------------------------------------------------
-
-
-@every_law
-@pytest.mark.parametrize("friction", [False, True])
-def test_moduli_and_velocities_follow_the_stiffness(steel, make, friction):
-    packing = differing(steel, friction=friction)
-    state = make(packing).at_force(unit_of_force(packing) * np.logspace(-2, 4, 25))
-    eta, velocities, moduli = packing.mindlin_ratio, gp.sound_velocities(state), gp.moduli(state)
-    np.testing.assert_allclose((velocities.longitudinal / velocities.transverse) ** 2, (3 + eta) / (1 + eta), rtol=1e-13)
-    np.testing.assert_allclose(moduli.bulk, math.sqrt(0.75) * state.normal_stiffness / packing.diameter, rtol=1e-13)
-    np.testing.assert_allclose(moduli.shear, 0.5 * (1 + eta) * moduli.bulk, rtol=1e-13)
-    density = state.effective_density
-    np.testing.assert_allclose(density * velocities.longitudinal**2, moduli.bulk + moduli.shear, rtol=1e-13)
 
 
 @every_law

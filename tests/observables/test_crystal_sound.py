@@ -218,27 +218,6 @@ def test_a_crystal_of_close_packed_layers_yields_evenly(make):
 # -- velocities -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("lattice", CUBIC)
-def test_velocities_along_the_axes_of_a_cube(make, lattice):
-    state = make(lattice, np.array([1.0, 8.0]))
-    k = state.normal_stiffness[1]
-    c11, c12, c44 = cubic_constants(lattice, k / D, ETA * k / D)
-    v = gp.sound_velocities(state, [[1, 0, 0], [1, 1, 0], [1, 1, 1]])
-    assert v.velocities.shape == (2, 3, 3)
-    assert v.transverse.shape == (2, 3, 2)
-    squares = state.packing.effective_density * np.column_stack([v.longitudinal[1], v.transverse[1]]) ** 2
-    across = (c11 + c44 - c12) / 3
-    expected = [
-        [c11, c44, c44],
-        [(c11 + c12 + 2 * c44) / 2, *sorted([(c11 - c12) / 2, c44])],
-        [(c11 + 2 * c12 + 4 * c44) / 3, across, across],
-    ]
-    assert_allclose(squares, expected, rtol=3e-15 * 10)
-    assert_array_equal(v.transverse_slow, v.transverse[..., 0])
-    assert_array_equal(v.transverse_fast, v.transverse[..., 1])
-    assert np.all(np.diff(v.velocities, axis=-1) >= 0.0)
-
-
 @given(load=st.floats(-30.0, -5.0), way=st.tuples(*[st.floats(-1.0, 1.0)] * 3), lattice=st.sampled_from(CUBIC))
 @settings(max_examples=25)
 def test_velocities_in_any_direction_at_any_load_at_forty_digits(load, way, lattice):

@@ -12,7 +12,7 @@ from granphon.phonons.paths import BandPath
 from granphon.runs.wave_records import read_waves
 from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import expected_files
+from granphon.scene.run import expected_files
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
@@ -39,7 +39,7 @@ def test_files_hold_what_the_library_finds(done):
     names = {path.name for path in result.files}
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
-        assert f"{stem}.png" in expected_files(scene.plan)
+        assert f"{stem}.png" in expected_files(scene)
         assert read_waves(folder / f"{stem}.json") == result.waves.results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos
@@ -188,7 +188,7 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
         return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
 
     scene = find(2000)
-    ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.plan.case.serving_media]
+    ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.case.serving_media]
     state = gp.AveragedLattice(medium.packing).at_force(5.0)
     network = state.network.repeat(medium.cells)
     way = find_path_points(network, ideal_lattice(medium.packing), medium.packing.diameter, wanted.path, 2000)
@@ -201,26 +201,10 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
 def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
     def seconds(frequency, cycles):
         pulse = f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles: {cycles}}}\n"
-        return gp.Scene.from_text(ARRAY + pulse).plan.parts[-1][-1].known
+        return gp.Scene.from_text(ARRAY + pulse).parts[-1][-1].known
 
     # of the same duration, the one with more periods is read more often
     assert seconds(1000, 10) > 1.5 * seconds(100, 1)
-
-
-def test_columns_of_a_map_end_at_the_corners():
-    from granphon.figures.spectra import _find_columns
-
-    corners = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    # a point at a corner belongs to both legs; the leg from 2 to 3 has none
-    edges, owner = _find_columns(np.array([0.25, 0.75, 1.0, 1.5, 3.5]), corners)
-    np.testing.assert_allclose(edges, [0.0, 0.5, 0.875, 1.25, 2.0, 3.0, 4.0])
-    assert owner.tolist() == [0, 1, 2, 3, -1, 4]
-    edges, owner = _find_columns(np.array([2.5]), corners)
-    np.testing.assert_allclose(edges, [0.0, 2.0, 3.0, 4.0])
-    assert owner.tolist() == [-1, 0, -1]
-    edges, owner = _find_columns(np.array([1.0, 4.0]), corners)
-    np.testing.assert_allclose(edges, [0.0, 2.0, 3.0, 4.0])
-    assert owner.tolist() == [0, -1, 1]
 
 
 def test_echo_in_a_scene_is_a_warning(tmp_path):
