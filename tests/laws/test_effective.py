@@ -259,23 +259,6 @@ def test_residual_at_thirty_digits(shape, ball, places, digits, room):
             assert abs(both.real / both.imag / f) < room
 
 
-@every_xi
-@pytest.mark.parametrize("shape", [UNIFORM, NORMAL], ids=["uniform", "normal"])
-def test_no_seam_between_steps(shape, xi):
-    curve = effective_curve(shape, xi)
-    for order, room in ((FORCE, 1e-14), (STIFFNESS, 1e-14), (ENERGY, 1e-12)):
-        lower, upper = curve.ends(order)
-        np.testing.assert_allclose(lower[1:], upper[:-1], rtol=room)
-    origin, middle, half = curve.places
-    seams = (origin + (middle - half) ** 2)[1:]
-    inside = seams[middle[1:] > half[1:]]  # on the far side of an opening the slope is a limit
-    slopes = [curve.value(inside + side, SLOPE) for side in (0.0, 1e-13)]
-    np.testing.assert_allclose(*slopes, rtol=1e-8)
-    top = np.array([curve.far.start])
-    for order, room in ((FORCE, 1e-15), (STIFFNESS, 2e-15), (SLOPE, 1e-10)):
-        assert curve.value(top, order)[0] == pytest.approx(curve.far.value(curve.far.start, order), rel=room)
-
-
 # -- convergence --------------------------------------------------------------------------------------------------------
 
 
@@ -546,12 +529,6 @@ def test_one_curve_serves_every_packing_of_a_shape_and_friction(steel):
     assert effective_curve.cache_info().misses == 1
     gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=False)).at_force(1.0)
     assert effective_curve.cache_info().misses == 2
-
-
-def test_a_sample_of_the_same_shape_in_another_size_shares_the_curve():
-    small, large = (gp.Discrete(tuple(c * np.array([7.998, 8.0, 8.004])), (0.5, 0.3, 0.2)) for c in (1e-3, 1.0))
-    assert small.shape == large.shape
-    assert effective_curve(small.shape, 2.0) is effective_curve(large.shape, 2.0)
 
 
 @pytest.mark.claim("curve-ends")
