@@ -65,7 +65,7 @@ def test_scalar_in_float_out(packing):
 @pytest.mark.parametrize("shape", [(1,), (3,), (2, 3), (2, 1, 2)])
 @pytest.mark.parametrize("name", NAMED)
 @pytest.mark.parametrize(
-    ("make", "spread"), [(gp.AveragedLattice, None), (gp.AveragedForce, 2e-6), (gp.EffectiveMedium, 2e-6)]
+    ("make", "width"), [(gp.AveragedLattice, 0.0), (gp.AveragedForce, 2e-6), (gp.EffectiveMedium, 2e-6)]
 )
 def test_attributes_have_the_shape_of_the_load(steel, shape, name, make, width):
     medium = make(gp.Packing(steel, 8e-3, gp.Uniform(width)))
