@@ -61,9 +61,9 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.archive import load_sweep
 from granphon.scene import rules
-from granphon.scene.fields import FIELDS as SCENE_FIELDS
-from granphon.scene.result_files import RESULT_FILES
+from granphon.scene.file import FIELDS as SCENE_FIELDS
 from granphon.scene.rules import PARTS, Context
+from granphon.scene.run import RESULT_FILES
 from granphon.scene.scene import Scene
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 

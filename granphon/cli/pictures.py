@@ -139,7 +139,7 @@ def _write_picture(
             raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
         from granphon.phonons.phonons import Phonons  # after what can be refused, as it loads phonopy
 
-        with read.plan.origin.where_it_buckles():
+        with read.origin.where_it_buckles():
             draw(place, Phonons(read.state()), q, branch, **options)
 
 
@@ -166,9 +166,9 @@ def make_scene_page(
     with write_of_scene(scene, out, (".html", ".htm"), force) as (read, place):
         from granphon.page.page import make_page
 
-        first = read.plan.cases[0].case
+        first = read.cases[0].case
         begins = f"The scene sweeps parameters; this page is that of the first values: {first.where}."
-        with read.plan.origin.at():
+        with read.origin.at():
             text = make_page(
                 first.packing, read.media, read.load, finite_overlap=read.finite_overlap, path=read.band,
                 direction=read.directions[0] if read.directions else None,
@@ -204,7 +204,7 @@ def export_scene(
         from granphon.page.phononwebsite import write_phononwebsite
         from granphon.phonons.phonons import Phonons
 
-        with read.plan.origin.where_it_buckles():
+        with read.origin.where_it_buckles():
             path = read.path
             bands = Phonons(read.state()).bands(path.arrays, npoints=read.band_points, labels=path.labels)
         place.write_text(write_phononwebsite(bands, read.packing.structure.name), encoding="utf-8")

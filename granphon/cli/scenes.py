@@ -72,22 +72,22 @@ def check_scene(scene: SceneFile) -> None:
     """
     from granphon.observables.validity import validity
     from granphon.runs.cases import label_warnings
-    from granphon.scene.result_files import expected_files, tell_undrawn
+    from granphon.scene.run import expected_files, tell_undrawn
     from granphon.scene.scene import Scene
 
     read = Scene.from_yaml(scene)
     rows = describe_scene(read)  # first, because it raises if there is too little memory
     states, left = read.survey()
-    with read.plan.origin.where_it_buckles():
+    with read.origin.where_it_buckles():
         found = [(where, warning) for where, state in states for warning in validity(state).warnings]
-    found += read.plan.expect_warnings()
+    found += read.expect_warnings()
     warnings = [warning for _, warning in found] if read.is_single else label_warnings(found)
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")
     say_table(rows)
-    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read.plan)))]
-    undrawn = tell_undrawn(read.plan)
+    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))]
+    undrawn = tell_undrawn(read)
     say_table(rows + [("will not draw", undrawn)] * bool(undrawn))
     warn(warnings)
 
@@ -129,21 +129,20 @@ def run_scene(
     """
     from granphon.base.progress import on_stderr
     from granphon.runs.schedulers import open_executor, require_workers
-    from granphon.scene.result_files import WORK_FILE, tell_undrawn
-    from granphon.scene.run import is_complete
+    from granphon.scene.run import WORK_FILE, is_complete, tell_undrawn
     from granphon.scene.scene import Scene
 
     def left() -> str:
         """Describe what an interruption has left in the folder."""
-        if is_complete(read.plan, out):
+        if is_complete(read, out):
             return f"{out} holds the whole result of this scene."
-        kept = read.plan.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
+        kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
         return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)
     require_workers(workers, scheduler)
     read = Scene.from_yaml(scene)
-    if resume and not force and is_complete(read.plan, out):
+    if resume and not force and is_complete(read, out):
         if not quiet:
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
@@ -151,11 +150,11 @@ def run_scene(
     if cost is not None and not quiet and cost.seconds > _LONG:
         print(f"granphon: {describe_cost(cost)}", file=sys.stderr, flush=True)
     with tell_interruption(left):
-        with open_executor(workers, scheduler) if read.plan.has_tasks else nullcontext() as executor:
+        with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:
-            undrawn = tell_undrawn(read.plan) if figures else ""
+            undrawn = tell_undrawn(read) if figures else ""
             say_table(describe_result(result) + [("not drawn", undrawn)] * bool(undrawn))
             say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 

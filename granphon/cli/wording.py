@@ -63,8 +63,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ("load", loads),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
-    if scene.is_single and scene.plan.serving.chosen_automatically:
-        serving = scene.plan.serving
+    if scene.is_single and scene.serving.chosen_automatically:
+        serving = scene.serving
         error = float(serving.errors[0])
         told = f"expected error {error:.2g} against {serving.truth}" if error else "exact for equal balls"
         rows.append(("chosen", f"{serving.medium.label}, {told}"))
@@ -74,7 +74,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         states = math.prod(count for count, *_ in sizes)
         counts = " x ".join(counted(*one) for one in sizes)
         rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
-    elif scene.plan.serving.is_quick:
+    elif scene.serving.is_quick:
         state = scene.state()
         rows += [
             ("contact", f"force {write_quantity(state.force, 'N')}, overlap {write_quantity(state.overlap, 'm')}"),

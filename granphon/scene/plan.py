@@ -1,35 +1,43 @@
-"""The plan of a scene: its cases, the medium that serves each load, the states, and the memory and time of the work.
+"""The plan of a scene: what it asks for, checked, its cases, the media that serve the loads, and memory and time.
 
-A scene makes its plan once. Reading, checking, running and estimating the cost all use it, so that nothing is computed
-twice.
+Reading, checking, running and estimating the cost all use the plan of a scene, so that nothing is computed twice.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
+from granphon.balls.contact_table import touch_once_at_most
+from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations
-from granphon.base.errors import GranphonError, InputError, MechanismError, message
-from granphon.base.progress import Progress
+from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
+from granphon.base.progress import Progress, silent
+from granphon.base.quantities import LENGTH
+from granphon.base.tables import Heading, table_text
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
+from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
-from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
+from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, no_simulation
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.runs.cases import Asked, Case, Grid
-from granphon.scene.reader import SceneSource
-from granphon.scene.specification import Specification
-from granphon.waves.settings import MOMENTS, READINGS, WaveSettings
+from granphon.phonons.paths import BandPath, read_paths
+from granphon.runs.cases import Asked, Case, Grid, require_arrays
+from granphon.scene import rules
+from granphon.scene.file import SceneSource, scene_rule, write_blocks
+from granphon.scene.rules import Context
+from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, WaveSettings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -124,14 +132,136 @@ class PlannedCase:
             return serving.at(load, finite_overlap=self.case.asked.finite_overlap or None)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Plan:
-    """The cases of a ``scene``: its media at every combination of values of its ``axes``, under its ``load``."""
+    """The values of a :class:`~granphon.scene.scene.Scene`, which describes them, and how it is carried out."""
 
-    scene: Specification
-    origin: SceneSource
-    axes: tuple[Axis, ...]
+    schema: ClassVar[int] = rules.SCENE_SCHEMA
+
+    packing: Packing
     load: Load
+    _: KW_ONLY
+    media: tuple[MediumChoice, ...] = ()
+    parameters: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    finite_overlap: bool = False
+    observe: tuple[str, ...] = ("velocities",)
+    direction: tuple[Any, ...] | None = None
+    band: BandPath | None = None
+    band_points: int = 101
+    mesh: tuple[int, ...] | None = None
+    dim: tuple[int, ...] | None = None
+    spectrum: SpectrumSettings = field(default_factory=SpectrumSettings)
+    pulse: PulseSettings | None = None
+    source: Path | None = field(default=None, compare=False)
+    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
+    origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
+        object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
+        swept = dict(self.parameters).get("lattice", ())
+        lattice = rules.choose_lattice(self.packing.structure, swept)
+        if lattice != self.packing.structure:
+            object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
+        if self.mesh is None:
+            object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
+        if isinstance(self.media, tuple | list) and not self.media:
+            object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
+        at = Context(lattice, written=False)
+        for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, require(name, scene_rule(name, at), value))
+        if all(one.is_exact for one in self.media) and self.balls_differ:
+            object.__setattr__(self, "finite_overlap", True)
+        # in space ASE knows the path: a scene without bands does not ask it
+        if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
+            object.__setattr__(self, "band", BandPath.default(lattice))
+        if self.load.array.ndim > 1:
+            raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
+        self._require_consistency()
+
+    @property
+    def path(self) -> BandPath:
+        """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
+        return BandPath.default(self.packing.structure) if self.band is None else self.band
+
+    @property
+    def grid(self) -> tuple[int, ...]:
+        """Numbers of wave vectors for the density of states; never None, unlike the argument ``mesh``."""
+        return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
+        return self.origin.inputs
+
+    @property
+    def directions(self) -> tuple[tuple[float, ...], ...]:
+        """The directions of sound that are given, one or many; empty if none is."""
+        given = self.direction or ()
+        return given if given and isinstance(given[0], tuple) else (given,) * bool(given)
+
+    @property
+    def balls_differ(self) -> bool:
+        """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
+        return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
+
+    @cached_property
+    def waves(self) -> WaveSettings | None:
+        """What is observed of the waves in arrays, where media simulate them; None for nothing."""
+        if not set(WAVES) & set(self.observe):
+            return None
+        spectrum = self.spectrum if "spectrum" in self.observe else None
+        path = self.path if spectrum is not None else None
+        way = (path.paths, path.names) if path is not None else ((), ())
+        pulse = self.pulse if "pulse" in self.observe else None
+        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
+
+    @property
+    def bands(self) -> dict[str, Any]:
+        """The path of the bands, as keywords of :func:`granphon.runs.sweep.sweep`; empty if they are not observed."""
+        if "bands" not in self.observe:
+            return {}
+        return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
+
+    @property
+    def is_single(self) -> bool:
+        """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
+        return len(self.load.values) == len(self.media) == 1 and not self.parameters
+
+    def to_yaml(self) -> str:
+        """Return the text of the scene with every default written out and quantities in SI units.
+
+        Read again, it gives the same scene to the last bit. A measured spread of more than 1000 diameters is written as the
+        name of a table, whose text is :attr:`diameters`.
+        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text is too long.
+        """
+        text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
+        if len(text.encode()) > MOST_SCENE_BYTES:
+            size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
+            what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
+            raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
+        return text
+
+    @cached_property
+    def diameters(self) -> str | None:
+        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene file; else None."""
+        given: Any = self.packing.spread
+        if not rules.is_long(given):
+            return None
+        return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
+
+    @property
+    def parameters_of_branches(self) -> list[str]:
+        """Names of swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
+        changing = []
+        for name, values in self.parameters:
+            motions = set[Any]()
+            if name in ("motions", "torsion", "bending"):
+                with suppress(InputError):  # a value that the packing cannot have is told with its place later
+                    motions = {change_packing(self.packing, {name: value}).ball_motions for value in values}
+            changing += [name] * (name in ("friction", "lattice") or len(motions) > 1)
+        return changing
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
@@ -150,7 +280,7 @@ class Plan:
     @property
     def n_cases(self) -> int:
         """Number of cases; a case is one medium at one combination of parameters."""
-        return len(self.scene.media) * math.prod(len(axis.values) for axis in self.axes)
+        return len(self.media) * math.prod(len(axis.values) for axis in self.axes)
 
     @property
     def n_states(self) -> int:
@@ -158,25 +288,32 @@ class Plan:
         return self.n_cases * self.load.size
 
     @cached_property
-    def grid(self) -> Grid:
+    def axes(self) -> tuple[Axis, ...]:
+        """The swept parameters, each with its values."""
+        return tuple(Axis(*axis) for axis in self.parameters)
+
+    @cached_property
+    def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
-        scene = self.scene
-        sound = "velocities" in scene.observe
+        sound = "velocities" in self.observe
         asked = Asked(
-            scene.finite_overlap, direction=scene.direction, waves=scene.waves, exponents=sound,
-            sound=sound or not {"bands", "dos"} & set(scene.observe), alone=self.scene.is_single,
+            self.finite_overlap, direction=self.direction, waves=self.waves, exponents=sound,
+            sound=sound or not {"bands", "dos"} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
-        return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, asked)
+        return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
         """The cases: every medium at every combination of parameters, the media running fastest."""
-        return tuple(PlannedCase(case, self.load.kind, self.origin) for case in self.grid.cases)
+        return self._place(self.case_grid)
+
+    def _place(self, grid: Grid) -> tuple[PlannedCase, ...]:
+        return tuple(PlannedCase(case, self.load.kind, self.origin) for case in grid.cases)
 
     @property
     def case(self) -> PlannedCase:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
-        if not self.scene.is_single:
+        if not self.is_single:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
         return self.cases[0]
 
@@ -192,7 +329,7 @@ class Plan:
     @property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
-        return not self.scene.is_single or bool(self.serving.arrays)
+        return not self.is_single or bool(self.serving.arrays)
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
@@ -200,17 +337,15 @@ class Plan:
 
         The ends suffice for checks: a packing that is possible at two values of a parameter is possible between them.
         """
-        return self.cases if self.n_cases <= MOST_CASES else self._at_ends.cases
-
-    @cached_property
-    def _at_ends(self) -> Plan:
-        return replace(self, axes=tuple(axis.ends for axis in self.axes))
+        if self.n_cases <= MOST_CASES:
+            return self.cases
+        return self._place(replace(self.case_grid, axes=[axis.ends for axis in self.axes]))
 
     # -- what can be carried out ----------------------------------------------------------------------------------------
 
     def require(self) -> None:
         """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium cannot carry a load."""
-        scene, packing = self.scene, self.scene.packing
+        packing = self.packing
         for axis in self.axes:  # the first value that the packing cannot have
             with suppress(GranphonError, ArithmeticError):
                 for value in axis.ends.values:
@@ -222,13 +357,13 @@ class Plan:
         with self.origin.at("sweep"):
             count_combinations(self.axes)
             few = self.few
-        place = ("sweep", "lattice") if "lattice" in dict(scene.parameters) else ("packing", "lattice")
+        place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
         left: float = QUICK_STARTS
         for one in few:
             case, packing = one.case, one.case.packing
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
             with self.origin.at(*place, before=found + (case.where and f"{case.where}: ")):
-                if "velocities" in scene.observe:
+                if "velocities" in self.observe:
                     try:
                         # the torsion of a Hertz contact depends on the load; how large it is does not matter here
                         ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
@@ -236,15 +371,15 @@ class Plan:
                         mend = (
                             "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
                         )
-                        if scene.parameters_of_branches:
+                        if self.parameters_of_branches:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
-                        elif not self.scene.is_single:
+                        elif not self.is_single:
                             mend = "It has bands, which a sweep without velocities has: observe: [bands]"
                         raise MechanismError(message(str(error), mend=mend)) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 medium = case.medium.of(packing)
                 # a sweep leaves it to its own processes to solve one law after the other
-                later = not self.scene.is_single and medium.is_solved_anew
+                later = not self.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
@@ -256,7 +391,7 @@ class Plan:
 
         Nothing is simulated; arrays of more than a hundred thousand balls take seconds.
         """
-        wanted = self.scene.waves
+        wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None):
             return
         from granphon.runs.wave_records import require_waves  # imported here: a scene without waves does not need it
@@ -270,28 +405,46 @@ class Plan:
     # -- states ---------------------------------------------------------------------------------------------------------
 
     def state(self) -> ContactState:
-        """See :meth:`granphon.scene.scene.Scene.state`."""
+        """Return the state of the contacts under the load.
+
+        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the scene is a sweep.
+        """
         case = self.case
         _ = case.serving_media  # first, so that an error in choosing the medium is not placed at the load
         with case.at_load(0):
             return case.state
 
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
-        """See :meth:`granphon.scene.scene.Scene.states`."""
-        for one in self.cases:
+        """Return label and state of every medium at every combination of parameters, one after the other.
+
+        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes;
+        simulations are left out without ``simulations``, cluster media and effective media of long lists without ``lists``.
+        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        """
+        return self._solve(self.cases, simulations, lists)
+
+    def _solve(self, cases: Iterable[PlannedCase], simulations: bool, lists: bool) -> Iterator[tuple[str, ContactState]]:
+        for one in cases:
             _ = one.is_possible
             yield from one.states(lambda serving: serving.is_quick or (simulations if serving.arrays else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """See :meth:`granphon.scene.scene.Scene.survey`."""
-        few, left = self, []
-        if self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
+        """Return the :meth:`states` that are quick to find, and words for what is left out, an empty text if nothing is.
+
+        Simulations, cluster media and effective media of long lists are left out. If there are more than 100 combinations of
+        medium and packing, or more than 20 000 states, so are all but those at the least and the greatest load and value of
+        each numeric parameter.
+        """
+        grid, left = self.case_grid, []
+        if many := self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
-            few = replace(self._at_ends, load=replace(self.load, array=ends))
+            load = replace(self.load, array=ends).applied.flat
+            grid = replace(grid, axes=[axis.ends for axis in self.axes], load=load)
             left.append(f"all but the ends of {self.n_states:,} states")
-        slow = {serving.medium.name for one in few.cases for serving in one.serving_media if not serving.is_quick}
+        cases = self._place(grid) if many else self.cases
+        slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
         left += [medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part]
-        return few.states(simulations=False, lists=False), " and ".join(left)
+        return self._solve(cases, simulations=False, lists=False), " and ".join(left)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return what is known of simulations before they are run: the label of each medium, and a warning."""
@@ -306,18 +459,28 @@ class Plan:
             for warning in expect_warnings(medium, serving.load)
         ]
 
-    def sweep(self, progress: Progress, executor: Executor | None = None, **options: Any) -> Dataset:
-        """See :meth:`granphon.scene.scene.Scene.sweep`."""
+    def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
+        """Compute every state of the scene as one data set, from its :attr:`cases`.
+
+        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
+        ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
+        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
+        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        """
         from granphon.runs.sweep import sweep_grid
 
         self.require_waves()
         with self.place_errors():
-            return sweep_grid(self.grid, progress=progress, executor=executor, **options | self.scene.bands)
+            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options | self.bands)
 
     # -- cost -----------------------------------------------------------------------------------------------------------
 
     def cost(self) -> Cost | None:
-        """See :meth:`granphon.scene.scene.Scene.cost`."""
+        """Memory and time that the scene will take, its parts done one after the other; None if both are negligible.
+
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now, or more
+        than 10,000 days on one processor.
+        """
         parts = [part for part in self.parts if part[2].tells]
         total = sum((cost for _, _, cost in parts), Cost())
         free, most = costs.available_memory(), costs.MOST_SECONDS
@@ -334,8 +497,8 @@ class Plan:
     @cached_property
     def parts(self) -> list[CostPart]:
         """The parts of the work that may take much memory or time, each with its place in the scene file."""
-        scene, n_few = self.scene, len(self.few)
-        structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
+        n_few = len(self.few)
+        structure, seen = self.packing.structure, {"bands", "dos"} & set(self.observe)
         arrays = [(medium, one.load) for case in self.few for one in case.serving_media for medium in one.arrays]
 
         def add_up(found: list[Cost], size: Callable[[Cost], Any]) -> Cost:
@@ -344,7 +507,7 @@ class Plan:
                 return max(found, key=size).times(len(found) * self.n_cases / n_few)
             return sum(found, Cost())
 
-        exponents = "velocities" in scene.observe
+        exponents = "velocities" in self.observe
         simulated = [costs.estimate(medium, load, exponents=exponents) for medium, load in arrays]
         # cluster media are solved once for each distribution, lattice and Mindlin ratio
         laws = {law for one in self.few if (law := one.case.medium.of(one.case.packing).long_law) is not None}
@@ -359,27 +522,66 @@ class Plan:
             (("medium",), "Take the effective medium", clusters),
         ]
         total = Cost()
-        if (wanted := scene.waves) is not None:
+        if (wanted := self.waves) is not None:
             each = [cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)]
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
 
-        branches = structure.n_balls * scene.packing.ball_motions.count
-        points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
-        if not self.scene.is_single:
-            path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)
+        branches = structure.n_balls * self.packing.ball_motions.count
+        points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
+        if not self.is_single:
+            path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", self.load.kind)
             mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
             return [*out, waves, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]
         if "bands" in seen:
             out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
         if "dos" in seen:
-            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(scene.grid, branches)))
+            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(self.grid, branches)))
         out.append(waves)
-        if seen and scene.dim is not None:
+        if seen and self.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
-            out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
+            out.append((("phonopy", "dim"), mend, costs.force_constants(self.dim, structure.n_balls)))
         return out
+
+    # -- values that exclude each other, by the key in the file ---------------------------------------------------------
+
+    def _require_consistency(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
+        structure, dim = self.packing.structure, self.dim
+        if dim is not None and not touch_once_at_most(structure.vectors, dim, 1.0):
+            # two balls of the supercell would touch through two images
+            sizes = ((n,) * structure.periods for n in range(1, 100))
+            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, 1.0))
+            raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
+        if self.finite_overlap:
+            try:
+                no_simulation(self.media)
+            except InputError as error:
+                raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
+        # the density of states of one state is that of its lattice, and of a simulation that of the array too
+        names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
+        try:
+            require_arrays(self.media, dict(self.parameters), names)
+        except InputError as error:
+            allowed = f"{', '.join(names)} of arrays that a medium: simulation makes"
+            if "dos" in names:
+                allowed += ", where there are several loads or media or a sweep"
+            raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
+        if "pulse" in names and self.pulse is None:
+            mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
+            raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
+        if "pulse" in names and len(self.directions) > 1:
+            raise Refused("several directions with a pulse", "one direction", path=("direction",))
+        if "bands" in self.observe and (changing := self.parameters_of_branches):
+            allowed = "velocities, as the branches differ in number or zone"
+            raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
+        if self.band is not None:
+            path = partial(read_paths, periods=structure.periods)
+            read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
+        if self.load.kind == "side_force" and structure != TRIANGULAR:
+            allowed = "on the triangular lattice only, whose frame is a hexagon"
+            raise Refused("a side_force", allowed, path=("load", "side_force"))
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.result_files import (
+from granphon.scene.run import (
     SAMPLE_WAVES,
     SWEEP_FIGURES,
     draw_sample_waves,

@@ -2,14 +2,37 @@
 
 The result is a data set of all states, and of a single state its samples, bands and densities of states. A state is a sweep
 of one: it has the same data set. Whatever is drawn or written is a view of that, or an export of the one state for other
-programs. The files are those of :mod:`granphon.scene.result_files`.
+programs. The files are these:
+
+=====================  =====================================================================================
+file                   holds
+=====================  =====================================================================================
+scene.yaml             the scene with every default written out, in SI
+summary.yaml           the numbers, under the names of the library's attributes, with units, versions, warnings
+band.yaml              of a single state: bands, phonopy's format with eigenvectors
+phonopy_params.yaml    force constants, for the phonopy command
+dos.csv                density of states
+sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
+sample_balls.csv       of a simulation with friction_history at one load: the network of the first sample, whose contacts
+sample_contacts.csv    have their normal and tangential forces
+forces.png             force chains of that sample, and the distribution of the forces in all samples
+bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
+sweep.nc, sweep.csv    every state, with velocities, moduli and bands; sweep.csv leaves out the bands
+sweep.png              of several states: velocities and exponents over the load, and the velocity of pulses
+sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads before, and nothing else
+sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
+sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
+sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
+spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
+diameters.csv          the measured diameters, if they are too many for scene.yaml
+=====================  =====================================================================================
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +44,8 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
-from granphon.base.text import dump_yaml, read_yaml, versions
+from granphon.base.tables import Heading, table_text
+from granphon.base.text import dump_yaml, read_yaml, require_schema, versions
 from granphon.dynamics.local_field import LocalField
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
@@ -31,11 +55,9 @@ from granphon.runs.samples import SampleRecord
 from granphon.runs.store import TaskResult, open_store
 from granphon.runs.sweep import SweepRun, keep_incomplete
 from granphon.runs.workers import packages
-from granphon.scene import result_files
+from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
-from granphon.scene.reader import SceneSource
 from granphon.scene.rules import DIAMETERS_FILE
-from granphon.scene.specification import Specification
 from granphon.waves.settings import POLARISATIONS
 
 if TYPE_CHECKING:
@@ -48,6 +70,33 @@ if TYPE_CHECKING:
     from granphon.runs.wave_records import SampleWaves
 
 
+#: version number of summary.yaml, its key "schema"
+SUMMARY_SCHEMA = 1
+#: the file, in the folder of the result, in which finished tasks are kept until the result has been written
+WORK_FILE = ".granphon-sweep"
+#: figures of the waves in simulated arrays of a sweep, and what they are of
+SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
+#: what a scene observes of the waves in the samples of one state, by the names of their files
+SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
+#: columns of a table: heading, unit, and the field of the result
+_COLUMNS = {
+    "sample_dos": [
+        ("frequency", "Hz", "frequencies"),
+        *((name, "1/Hz", name) for name in ("total", "translational", "rotational", "error")),
+    ],
+    "pulse": [
+        ("time", "s", "times"), ("force_sent", "N", "sent"), ("coherent", "m/s", "coherent"),
+        ("speckle", "m/s", "speckle_amplitude"),
+    ],
+}  # fmt: skip
+#: names of all files that a run may write
+RESULT_FILES = (
+    "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
+    "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
+    *(f"{stem}.{ending}" for stem in SAMPLE_WAVES for ending in ("json", "csv")),
+    "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in SAMPLE_WAVES),
+    "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
+)  # fmt: skip
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
@@ -57,13 +106,47 @@ _EXTENTS = (
 _OF_WAVES = [name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum") and not one.dims]
 
 
+def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the files of numbers, and names of the figures, that a run writes."""
+    seen, drawn = scene.observe, list[str]()
+    names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
+    if not scene.is_single:
+        names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
+        drawn += ["sweep.png"] * (not tell_undrawn(scene)) + [name for name, of in SWEEP_FIGURES.items() if of in seen]
+        return tuple(names), tuple(drawn)
+    if "bands" in seen:
+        names += ["band.yaml", "phonopy_params.yaml"]
+    names += ["dos.csv"] * ("dos" in seen)
+    drawn += ["bands.png"] if "bands" in seen else ["dos.png"] * ("dos" in seen)
+    for medium in scene.serving.arrays:  # one at most
+        waves = [stem for stem, of in SAMPLE_WAVES.items() if of in seen]
+        names += ["sample.extxyz", *("sample_balls.csv", "sample_contacts.csv") * bool(medium.friction_history)]
+        names += [f"{stem}.{ending}" for stem in waves for ending in ("json", "csv")]
+        drawn += ["forces.png", *(f"{stem}.png" for stem in waves)]
+    return tuple(names), tuple(drawn)
+
+
+def expected_files(scene: Plan, figures: bool = True) -> tuple[str, ...]:
+    """Names of the files that a run writes."""
+    numbers, drawn = list_files(scene)
+    return numbers + (drawn if figures else ())
+
+
+def tell_undrawn(scene: Plan) -> str:
+    """Say which figure of several states there is not, and why; an empty text if there is one."""
+    varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
+    if scene.is_single or len(varied) <= 1:
+        return ""
+    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
+
+
 @dataclass(frozen=True, eq=False)
 class RunResult:
     """Results of a scene.
 
     Attributes
     ----------
-    plan : of the scene.
+    scene : what was asked for.
     folder, files : folder of the results, and the paths of the files written there.
     dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep` returns it.
     given : of a single state, what has been found of it; None after reading it from its folder.
@@ -74,7 +157,7 @@ class RunResult:
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
-    plan: Plan
+    scene: Plan
     folder: Path
     dataset: Dataset
     given: Analysis | None = None
@@ -84,11 +167,6 @@ class RunResult:
     waves: SampleWaves | None = None
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
-
-    @property
-    def scene(self) -> Specification:
-        """What was asked for."""
-        return self.plan.scene
 
     # -- a single state -------------------------------------------------------------------------------------------------
 
@@ -104,9 +182,9 @@ class RunResult:
 
     @cached_property
     def _analysis(self) -> Analysis:
-        if not self.plan.scene.is_single:
+        if not self.scene.is_single:
             raise InputError(message("the result is that of a sweep", "It has no single state", "Take its dataset"))
-        return Analysis(self.plan.state(), self.scene.direction) if self.given is None else self.given
+        return Analysis(self.scene.state(), self.scene.direction) if self.given is None else self.given
 
     @property
     def velocities(self) -> SoundVelocities | None:
@@ -121,7 +199,7 @@ class RunResult:
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
-        medium = self.plan.serving.medium.of(self.scene.packing)
+        medium = self.scene.serving.medium.of(self.scene.packing)
         return medium.local_field if self.scene.packing.width else None
 
     # -- numbers --------------------------------------------------------------------------------------------------------
@@ -137,7 +215,7 @@ class RunResult:
         """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
         from granphon.runs.dataset import list_finite_overlap
 
-        if self.plan.scene.is_single:
+        if self.scene.is_single:
             return bool(self.state.finite_overlap)
         found = list_finite_overlap(self.dataset)
         return found if len(set(found)) > 1 else found[0]
@@ -152,10 +230,10 @@ class RunResult:
         Of several states these are the sizes of the dimensions, the number of states, the media, and the least and the
         greatest force, overlap and velocities; with the direction of sound, if it was given or velocities depend on it.
         """
-        if not self.plan.scene.is_single:
+        if not self.scene.is_single:
             return self._summarise_states()
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
-        if (serving := self.plan.serving).chosen_automatically:
+        if (serving := self.scene.serving).chosen_automatically:
             out |= {"choice": serving.medium.label, "expected_error": float(serving.errors[0]), "truth": str(serving.truth)}
         of = self._analysis
         out |= find_all(of, ("state",)) | (find_all(of, ("exponent",)) if "exponent" in self.dataset else {})
@@ -207,17 +285,13 @@ class RunResult:
             from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
-        if self.waves is not None and stem in result_files.SAMPLE_WAVES:
-            return result_files.draw_sample_waves(stem, self.waves.results[stem])
-        return (
-            result_files.draw_spectra(self.bands, self.dos)
-            if stem in ("bands", "dos")
-            else result_files.draw_sweep(self.dataset, name)
-        )
+        if self.waves is not None and stem in SAMPLE_WAVES:
+            return draw_sample_waves(stem, self.waves.results[stem])
+        return draw_spectra(self.bands, self.dos) if stem in ("bands", "dos") else draw_sweep(self.dataset, name)
 
 
 def run(
-    plan: Plan,
+    scene: Plan,
     folder: str | os.PathLike[str],
     *,
     force: bool = False,
@@ -230,7 +304,7 @@ def run(
 
     Parameters
     ----------
-    plan : of the scene.
+    scene : what to compute.
     folder : folder of the results, made if it does not exist. No other run can write into it meanwhile. If anything fails it
         is left as it was found, except that finished tasks stay in one file, from which the same scene goes on.
     force : replace an earlier result, remove its files that this scene does not write, and discard the finished part of
@@ -249,34 +323,34 @@ def run(
     GranphonError : the computation fails; then no result has been written. If a path of loads with friction ends early, the
         loads before it are in sweep_incomplete.nc and sweep_incomplete.csv, and ``reached`` of the error is their data set.
     """
-    scene, target, (names, drawn) = plan.scene, Path(folder), result_files.list_files(plan)
+    target, (names, drawn) = Path(folder), list_files(scene)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
-    if resume and not force and is_complete(plan, target):
+    if resume and not force and is_complete(scene, target):
         from granphon.runs.archive import load_sweep
 
         there = tuple(target / name for name in every if (target / name).exists())
-        return RunResult(plan, target, load_sweep(target / "sweep.nc"), files=there)
-    plan.require_waves()
+        return RunResult(scene, target, load_sweep(target / "sweep.nc"), files=there)
+    scene.require_waves()
     text = scene.to_yaml()
     with (
-        ResultFiles(target, every, force, earlier=result_files.RESULT_FILES, inputs=scene.inputs).open() as locked,
-        open_store(target / result_files.WORK_FILE, force) as store,
+        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
+        open_store(target / WORK_FILE, force) as store,
     ):
-        with plan.place_errors():
-            work, parts = SweepRun.of(plan.grid, **scene.bands), list[TaskResult]()
+        with scene.place_errors():
+            work, parts = SweepRun.of(scene.case_grid, **scene.bands), list[TaskResult]()
             try:
-                if plan.has_tasks:
+                if scene.has_tasks:
                     parts = work.do(executor, progress, store)
                 else:
                     store.claim(None)
                 if not scene.is_single:
-                    result = RunResult(plan, target, work.join(parts))
+                    result = RunResult(scene, target, work.join(parts))
                 else:
                     # what only a single state has: its samples, bands and densities of states
-                    state = work.cases[0].restore(parts) if parts else plan.state()
-                    with plan.origin.where_it_buckles():
-                        result = _describe_alone(plan, target, work, state, parts, progress)
+                    state = work.cases[0].restore(parts) if parts else scene.state()
+                    with scene.origin.where_it_buckles():
+                        result = _describe_alone(scene, target, work, state, parts, progress)
             except GranphonError as error:
                 if error.reached is None:
                     raise
@@ -289,7 +363,7 @@ def run(
             (place / "scene.yaml").write_text(f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8")
             if scene.diameters is not None:
                 (place / DIAMETERS_FILE).write_text(scene.diameters, encoding="utf-8")
-            result_files.write_numbers(result, place, step.advance)
+            write_numbers(result, place, step.advance)
             failures: dict[str, str] = {}
             if drawn:
                 from granphon.figures.style import draw
@@ -303,17 +377,17 @@ def run(
 
 
 def _describe_alone(
-    plan: Plan, target: Path, work: SweepRun, state: ContactState, parts: Sequence[TaskResult], progress: Progress
+    scene: Plan, target: Path, work: SweepRun, state: ContactState, parts: Sequence[TaskResult], progress: Progress
 ) -> RunResult:
     """Return what a scene observes of a single state; ``parts`` are what was found of its samples."""
-    scene, waves, bands, dos = plan.scene, None, None, None
+    waves = bands = dos = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
     dataset = work.join_alone(analysis, records)
     if records:
         from granphon.runs.wave_records import SampleWaves
 
         waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
-    result = RunResult(plan, target, dataset, analysis, waves=waves)
+    result = RunResult(scene, target, dataset, analysis, waves=waves)
     if not {"bands", "dos"} & set(scene.observe):
         return result
     from granphon.phonons.phonons import Phonons
@@ -330,7 +404,7 @@ def _describe_alone(
     return replace(result, phonons=phonons, bands=bands, dos=dos)
 
 
-def is_complete(plan: Plan, folder: str | os.PathLike[str]) -> bool:
+def is_complete(scene: Plan, folder: str | os.PathLike[str]) -> bool:
     """Whether ``folder`` holds every file but figures of a run, made with the installed versions of packages.
 
     A file that was changed after the run counts as missing.
@@ -338,17 +412,61 @@ def is_complete(plan: Plan, folder: str | os.PathLike[str]) -> bool:
     target = Path(folder)
     try:
         made = read_yaml(target / "summary.yaml")["versions"]
-        if type(plan.scene)(**SceneSource.of_file(target / "scene.yaml").read()) != plan.scene or made != made | packages():
+        if type(scene)(**SceneSource.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False
-    return is_whole(target, result_files.expected_files(plan, figures=False))
+    return is_whole(target, expected_files(scene, figures=False))
+
+
+def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> None:
+    """Write the files of numbers of a result into the folder ``place``; ``advance`` is told of each.
+
+    Those of the scene and the summary are not among them, nor those that are ``left_out``.
+    """
+    for name in list_files(result.scene)[0]:
+        path, stem = place / name, name.partition(".")[0]
+        match name:
+            case "scene.yaml" | "summary.yaml" | "diameters.csv":
+                continue
+            case _ if name in result.left_out:
+                continue
+            case "sweep.nc":  # and sweep.csv beside it
+                from granphon.runs.archive import write_sweep
+
+                write_sweep(result.dataset, path)
+            case "sweep_dos.csv" | "sweep_spectra.csv":
+                from granphon.runs.archive import write_waves
+
+                write_waves(result.dataset, path)
+            case "band.yaml":
+                result.bands.write(path)
+            case "phonopy_params.yaml":
+                result.phonons.save(path)
+            case "dos.csv":
+                result.dos.write_csv(path)
+            case "sample.extxyz":
+                from granphon.array.atoms import write_extxyz
+
+                write_extxyz(path, result.state.samples[0].atoms())
+            case "sample_balls.csv":  # and sample_contacts.csv
+                result.state.samples[0].network.write_tables(path, place / "sample_contacts.csv")
+            case "spectrum.csv":
+                result.waves.spectra.write_csv(path)
+            case "sample_dos.csv" | "pulse.csv":
+                found = result.waves.results[stem]
+                columns = [(Heading(name, unit), getattr(found, source)) for name, unit, source in _COLUMNS[stem]]
+                rows = np.transpose([values for _, values in columns]).tolist()
+                path.write_text(table_text([heading for heading, _ in columns], rows), encoding="utf-8")
+            case "sample_dos.json" | "spectrum.json" | "pulse.json":
+                path.write_text(json.dumps(result.waves.results[stem].to_dict()) + "\n", encoding="utf-8")
+        advance(1)
 
 
 def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
     scene, numbers = result.scene, result.summary()
     limits: dict[str, Any] = {}
-    if result.plan.scene.is_single:
+    if result.scene.is_single:
         checks = [
             {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
             for c in result.validity.checks
@@ -356,7 +474,7 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
         limits = {"ok": bool(result.validity.ok), "validity": checks}
     return dump_yaml(
         {
-            "schema": result_files.SUMMARY_SCHEMA,
+            "schema": SUMMARY_SCHEMA,
             "versions": used,
             "source": None if scene.source is None else scene.source.name,
             "observe": scene.observe,
@@ -368,3 +486,46 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
             "units": {name: one.unit for name in numbers if (one := result.entry(name)) is not None and one.unit},
         }
     )
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Read summary.yaml in the folder of a run; raises :class:`~granphon.base.errors.InputError` if it is not one."""
+    path = folder / "summary.yaml"
+    found = read_yaml(path)
+    if not isinstance(found, dict):
+        raise InputError(message(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"))
+    require_schema(path, found.get("schema"), SUMMARY_SCHEMA)
+    return found
+
+
+# -- figures ----------------------------------------------------------------------------------------------------------
+
+
+def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
+    stem = Path(name).stem
+    if variable is None and f"{stem}.png" in SWEEP_FIGURES:
+        from granphon.figures.sweep_waves import sweep_dos_figure, sweep_spectra_figure
+
+        return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
+    from granphon.figures.sweeps import sweep_figure
+
+    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
+
+
+def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None) -> Any:
+    """Draw the figure of bands, of a density of states, or of both."""
+    from granphon.figures.bands import bands_figure
+
+    return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes)
+
+
+def draw_sample_waves(stem: str, result: Any) -> Any:
+    """Draw the figure of one of the :data:`SAMPLE_WAVES`."""
+    if stem == "pulse":
+        from granphon.figures.pulses import pulse_figure
+
+        return pulse_figure(result)
+    from granphon.figures.spectra import sample_dos_figure, spectrum_figure
+
+    return spectrum_figure(result) if stem == "spectrum" else sample_dos_figure(result)

@@ -8,32 +8,26 @@ intention.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import describe_packing
-from granphon.balls.parameters import PARAMETERS, Axis
+from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import load_quantities
 from granphon.base.text import parse_yaml
-from granphon.media.cost import Cost
-from granphon.media.state import ContactState
+from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
-from granphon.scene.reader import SceneSource
-from granphon.scene.specification import Specification
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from granphon.runs.dataset import Dataset
     from granphon.scene.run import RunResult
 
 
 @dataclass(frozen=True)
-class Scene(Specification):
+class Scene(Plan):
     """What to compute, in SI units.
 
     Attributes
@@ -60,11 +54,6 @@ class Scene(Specification):
     InputError : a value that is not allowed.
     """
 
-    @cached_property
-    def plan(self) -> Plan:
-        """Plan of the scene: its cases, the media that serve them, their states and cost, each computed once."""
-        return Plan(self, self._origin, tuple(Axis(*axis) for axis in self.parameters), self.load)
-
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""
@@ -83,52 +72,9 @@ class Scene(Specification):
         given = origin.read()
         with origin.at():
             scene = cls(**given)
-        object.__setattr__(scene, "_origin", origin)
-        scene.plan.require()
+        object.__setattr__(scene, "origin", origin)
+        scene.require()
         return scene
-
-    def state(self) -> ContactState:
-        """Return the state of the contacts under the load.
-
-        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the scene is a sweep.
-        """
-        return self.plan.state()
-
-    def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, one after the other.
-
-        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes;
-        simulations are left out without ``simulations``, cluster media and effective media of long lists without ``lists``.
-        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
-        """
-        return self.plan.states(simulations, lists)
-
-    def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """Return the :meth:`states` that are quick to find, and words for what is left out, an empty text if nothing is.
-
-        Simulations, cluster media and effective media of long lists are left out. If there are more than 100 combinations of
-        medium and packing, or more than 20 000 states, so are all but those at the least and the greatest load and value of
-        each numeric parameter.
-        """
-        return self.plan.survey()
-
-    def cost(self) -> Cost | None:
-        """Memory and time that the scene will take, its parts done one after the other; None if both are negligible.
-
-        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now, or more
-        than 10,000 days on one processor.
-        """
-        return self.plan.cost()
-
-    def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
-        """Compute every state of the scene as one data set, from the cases of its :attr:`plan`.
-
-        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
-        ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
-        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
-        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
-        """
-        return self.plan.sweep(progress, executor, **options)
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene says, in SI units; no state is computed."""
@@ -166,4 +112,4 @@ class Scene(Specification):
 
         self.cost()  # raises if there is too little memory
         told = progress or silent
-        return run(self.plan, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)
+        return run(self, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)

@@ -17,7 +17,7 @@ from granphon.base.errors import FileExistsInRunError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.commands import main
-from granphon.scene.result_files import expected_files
+from granphon.scene.run import expected_files
 from granphon.scene.scene import Scene
 from tests.conftest import one_error
 
@@ -441,11 +441,11 @@ def test_run_writes_spectra_that_are_read_back(work):
     summary = yaml.safe_load((work / "out/summary.yaml").read_text())
     assert summary["top_frequency"] == expected.frequencies.max()
     # and what was expected
-    plan = Scene.from_yaml("scene.yaml").plan
+    plan = Scene.from_yaml("scene.yaml")
     assert tuple(path.name for path in result.files) == expected_files(plan, figures=False)
     assert set(expected_files(plan)) - set(expected_files(plan, figures=False)) == {"bands.png"}
     alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
-    assert expected_files(alone.plan) == (*ALONE, "dos.csv", "dos.png")
+    assert expected_files(alone) == (*ALONE, "dos.csv", "dos.png")
     assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy", "spglib"}
 
 

@@ -487,7 +487,7 @@ def test_a_scene_names_the_friction_of_the_truth(work, capsys, truth, medium):
     assert ("friction_history=true" in summary["choice"]) == (medium == "simulation")
     assert told.endswith(summary["truth"])
     assert summary["expected_error"] <= 0.1
-    assert Scene.from_yaml("out/scene.yaml").plan.serving.medium == Scene.from_yaml("scene.yaml").plan.serving.medium
+    assert Scene.from_yaml("out/scene.yaml").serving.medium == Scene.from_yaml("scene.yaml").serving.medium
 
 
 # -- scenes and the command line ----------------------------------------------------------------------------------------
@@ -506,7 +506,7 @@ def test_spellings_of_a_scene(text, tolerance):
     assert scene.media == (MediumChoice("auto", (("tolerance", tolerance),)),)
     again = Scene.from_text(scene.to_yaml())
     assert again.media == scene.media
-    assert again.plan.serving.medium == scene.plan.serving.medium
+    assert again.serving.medium == scene.serving.medium
 
 
 @pytest.mark.parametrize(
@@ -626,7 +626,7 @@ def test_a_scene_of_it_has_a_cost_only_if_it_simulates():
 
 def test_a_scene_of_several_states_has_no_one_choice():
     with pytest.raises(InputError, match="sweep"):
-        _ = Scene.from_text(SWEEP).plan.serving
+        _ = Scene.from_text(SWEEP).serving
     with pytest.raises(SceneError, match="medium"):
         Scene.from_text(SCENE.replace("2e-3", "1e-9"))
 

@@ -222,7 +222,7 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
 )
 def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattice, friction, load, observe, phonopy):
     scene = gp.Scene.from_text(SCENE.format(lattice, friction, load, observe, phonopy))
-    guess = sum((part for _, _, part in scene.plan.parts), cost.Cost())
+    guess = sum((part for _, _, part in scene.parts), cost.Cost())
     small = SCENE.format(lattice, friction, "[5 N, 6 N]" if load == RANGE else load, observe, "mesh: 4 4 1, band_points: 2")
     gp.Scene.from_text(small).run(tmp_path / "small", figures=False)  # what is loaded once is not counted
     tracemalloc.start()

@@ -692,7 +692,7 @@ def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
     text = SCENE.replace("2.04 um}", "2.04 um}, finite_overlap: true")
     for geometry in ("", "geometry: exact, "):
         given = gp.Scene.from_text(text.replace("friction_history: true", f"{geometry}friction_history: true"))
-        assert given.plan.case.state.finite_overlap
+        assert given.case.state.finite_overlap
     with pytest.raises(InputError, match="no terms of finite overlap"):
         gp.Scene.from_text(text.replace("friction_history: true", "geometry: lattice, friction_history: true"))
 
@@ -850,7 +850,7 @@ def test_a_fit_below_the_start_says_which_datum():
 )
 def test_mistakes_in_a_scene(given, why):
     with pytest.raises(InputError, match=why):
-        scene(medium=given).plan.require()
+        scene(medium=given).require()
 
 
 #: a medium on lines of its own, the last of which is the start

@@ -34,8 +34,7 @@ from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import RESULT_FILES, WORK_FILE, expected_files
-from granphon.scene.run import RunResult, is_complete
+from granphon.scene.run import RESULT_FILES, WORK_FILE, RunResult, expected_files, is_complete
 from granphon.scene.scene import Scene
 from tests.conftest import only
 from tests.runs.conftest import full_disk
@@ -169,7 +168,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     out, err = capsys.readouterr()
     assert err == ""
     assert listed(work / "out") == {*NUMBERS, "sample.extxyz", "forces.png"}
-    assert set(expected_files(Scene.from_text(text).plan)) == listed(work / "out")
+    assert set(expected_files(Scene.from_text(text))) == listed(work / "out")
     scene = Scene.from_yaml("out/scene.yaml")
     assert scene == Scene.from_text(text)
     medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
@@ -362,7 +361,7 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
 def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
     text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
     scene = Scene.from_text(text)
-    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
+    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
     scene.run("out")
     assert listed(work / "out") == NUMBERS
     (work / "scene.yaml").write_text(text)
@@ -376,8 +375,8 @@ def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
         lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
         assert (f"{heading} {said}" in lines) == told
     one = Scene.from_text(text.replace("[true, false]", "[true]"))
-    assert "sweep.png" in expected_files(one.plan)
-    assert "sweep.png" not in expected_files(one.plan, figures=False)
+    assert "sweep.png" in expected_files(one)
+    assert "sweep.png" not in expected_files(one, figures=False)
 
 
 def test_many_measured_diameters_are_kept_with_the_result(work):
@@ -386,7 +385,7 @@ def test_many_measured_diameters_are_kept_with_the_result(work):
     text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
     (work / "scene.yaml").write_text(text)
     scene = Scene.from_yaml("scene.yaml")
-    assert expected_files(scene.plan) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
+    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
     result = scene.run("out")
     assert listed(work / "out") == {*NUMBERS, "diameters.csv"}
     assert Scene.from_yaml("out/scene.yaml") == scene
@@ -978,8 +977,8 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
         text.replace(", spread: {uniform: 2.04 um}", "") if packing == "equal" else text.replace("{diam", f"{{{packing}diam")
     )
     scene = Scene.from_text(text)
-    assert scene.plan.has_tasks
-    run = SweepRun.of(scene.plan.grid)
+    assert scene.has_tasks
+    run = SweepRun.of(scene.case_grid)
     state, expected = run.cases[0].restore(run.do()), scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
@@ -1001,7 +1000,7 @@ def test_what_is_damaged_is_not_complete(work, whole, capsys, name, damage):
     path = work / "out" / name
     path.write_bytes(path.read_bytes()[:-1] if damage is None else damage)
     capsys.readouterr()
-    assert not is_complete(Scene.from_yaml("scene.yaml").plan, "out")
+    assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)

@@ -11,7 +11,7 @@ from granphon.media.loaded_lattice import ideal_lattice
 from granphon.runs.archive import load_sweep
 from granphon.runs.store import read_entries
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import WORK_FILE, expected_files
+from granphon.scene.run import WORK_FILE, expected_files
 from granphon.waves.path_spectra import find_path_points
 from tests.runs.conftest import Meter
 
@@ -105,8 +105,8 @@ def test_quantities_have_units_and_stand_in_tables(done):
 
 def test_figures_are_drawn_and_drawn_again(done, tmp_path):
     scene, result, folder = done
-    assert {path.name for path in result.files} == set(expected_files(scene.plan, figures=False))
-    assert set(expected_files(scene.plan)) - set(expected_files(scene.plan, figures=False)) == {
+    assert {path.name for path in result.files} == set(expected_files(scene, figures=False))
+    assert set(expected_files(scene)) - set(expected_files(scene, figures=False)) == {
         "sweep.png", "sweep_dos.png", "sweep_spectra.png",
     }  # fmt: skip
     assert redraw(folder, out=tmp_path / "sweep_dos.svg").stat().st_size > 5000

@@ -269,8 +269,8 @@ def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
     )
     assert [row["direction"] for row in rows[: len(ways)]] == data["direction"].values.tolist()
     # the same sweep goes on from its file; another direction is another sweep
-    assert is_complete(scene.plan, tmp_path / "s")
-    assert not is_complete(Scene.from_text(text.replace("direction: [[", "direction: [[-")).plan, tmp_path / "s")
+    assert is_complete(scene, tmp_path / "s")
+    assert not is_complete(Scene.from_text(text.replace("direction: [[", "direction: [[-")), tmp_path / "s")
 
 
 def test_one_direction_of_a_sweep_is_told_in_its_files(tmp_path):

@@ -12,7 +12,7 @@ from granphon.phonons.paths import BandPath
 from granphon.runs.wave_records import read_waves
 from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
-from granphon.scene.result_files import expected_files
+from granphon.scene.run import expected_files
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (
@@ -39,7 +39,7 @@ def test_files_hold_what_the_library_finds(done):
     names = {path.name for path in result.files}
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
-        assert f"{stem}.png" in expected_files(scene.plan)
+        assert f"{stem}.png" in expected_files(scene)
         assert read_waves(folder / f"{stem}.json") == result.waves.results[stem]
     waves = gp.Waves(scene.state().sample)
     assert waves.dos() == result.waves.dos
@@ -188,7 +188,7 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
         return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
 
     scene = find(2000)
-    ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.plan.case.serving_media]
+    ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.case.serving_media]
     state = gp.AveragedLattice(medium.packing).at_force(5.0)
     network = state.network.repeat(medium.cells)
     way = find_path_points(network, ideal_lattice(medium.packing), medium.packing.diameter, wanted.path, 2000)
@@ -201,7 +201,7 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
 def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
     def seconds(frequency, cycles):
         pulse = f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles: {cycles}}}\n"
-        return gp.Scene.from_text(ARRAY + pulse).plan.parts[-1][-1].known
+        return gp.Scene.from_text(ARRAY + pulse).parts[-1][-1].known
 
     # of the same duration, the one with more periods is read more often
     assert seconds(1000, 10) > 1.5 * seconds(100, 1)
