@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, Self
@@ -46,6 +47,8 @@ EDGES = ("free", "clamped", "floor")
 STRUCTURES = ("NaCl", "CsCl", "zincblende")
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
+#: most balls of a crystal: its contacts are held in memory, about 1 kB a ball
+_MOST_BALLS = 10_000_000
 #: the arrays of a state, in the order of its fields
 _PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
 #: relative error at which a mean force or overlap is reached, and most states on the way to it
@@ -240,6 +243,7 @@ class Crystal:
         if not self.periods:
             raise InputError(message(f"crystal {self.name!r} has no period along which it could be repeated"))
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
+        _require_room(math.prod(full) * self.n_balls)
         cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, self.periods)
         table, n, count = self.contacts, self.n_balls, len(cells)
         steps = cells[:, None] + table.shift
@@ -328,6 +332,7 @@ class Crystal:
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if layers do not hang together.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
+        _require_room(count * self.n_balls)
         words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
         if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
             raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
@@ -776,9 +781,9 @@ class Crystal:
             raise InputError(message(f"{kind} is {word}", "One-sided contacts carry no tension", f"Give {kind} above zero"))
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self.springs
-        return self._stack(
-            given, [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()], 0, follows
-        )
+        with _in_double_precision(given):
+            each = [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()]
+            return self._stack(given, each, 0, follows)
 
     def _find_mean(
         self, kind: str, goal: float, field: Array | None, follows: bool, frame: Frame, springs: Springs
@@ -831,11 +836,12 @@ class Crystal:
         frame, springs = self._frame[0], self.springs
         found = []
         flat = values.reshape(-1, *values.shape[values.ndim - rank :]) if rank else values.ravel()
-        for one in flat:
-            push = make(one if rank else float(one))
-            rest = settle(frame, springs, push)
-            found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
-        return self._stack(values, found, rank, follows)
+        with _in_double_precision(values):
+            for one in flat:
+                push = make(one if rank else float(one))
+                rest = settle(frame, springs, push)
+                found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
+            return self._stack(values, found, rank, follows)
 
     def _stack(self, values: Array, found: Sequence[tuple[Rest, Push]], rank: int, follows: bool) -> CrystalState:
         """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes are those of one."""
@@ -1098,6 +1104,23 @@ class CrystalState:
             motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
             adhesive=crystal.springs.adhere, **own,
         )  # fmt: skip
+
+
+def _require_room(balls: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a crystal that does not fit into memory."""
+    if balls > _MOST_BALLS:
+        raise InputError(message(f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}"))
+
+
+@contextmanager
+def _in_double_precision(values: Array) -> Iterator[None]:
+    """Turn an overflow of the block into an error about the load ``values``."""
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except FloatingPointError:
+        what = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
+        raise InputError(message(what, mend="Lower the load, or compare the units")) from None
 
 
 def _both(face: Faces, change: Any) -> tuple[Index, Index]:

@@ -735,3 +735,22 @@ def test_a_tree_finds_the_contacts_that_all_pairs_have(seed):
     assert_allclose(vector, table.vector, atol=1e-12)
     ends = np.bincount(np.concatenate([table.i, table.j]), minlength=large.n_balls)
     assert set(ends.tolist()) == {2 * crystal.n_contacts // crystal.n_balls}
+
+
+@pytest.mark.parametrize("finite", [False, True])
+def test_loads_beyond_double_precision_are_refused(finite):
+    crystal = gp.Crystal.on("fcc", [PLAIN])
+    for find, value in (
+        (crystal.at_pressure, 1e250), (crystal.at_force, 1e300), (crystal.at_overlap, 1e200),
+        (crystal.at_stress, -1e300 * np.eye(3)), (crystal.at_strain, -1e200 * np.eye(3)),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=r"beyond double precision|diameter or more"):
+            find(value, finite_overlap=finite)
+
+
+def test_crystals_that_do_not_fit_into_memory_are_refused():
+    crystal = gp.Crystal.on("fcc", [PLAIN])
+    with pytest.raises(InputError, match="1,000,000,000 balls"):
+        crystal.repeat((1000, 1000, 1000))
+    with pytest.raises(InputError, match="27,000,000 balls"):
+        crystal.repeat((3, 3, 3)).cut(0, 1_000_000)
