@@ -500,5 +500,6 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
 
         rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
-    FrictionHistory.read(found)
+    if found:
+        FrictionHistory.read(found)
     return found

@@ -24,7 +24,7 @@ from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
 from granphon.media.choice import MediumChoice, even_shape, read_medium, sort_options
 from granphon.media.left_out import expect_shear_deficit
-from granphon.runs.archive import load_sweep
+from granphon.runs.dataset import load_sweep
 from granphon.runs.sweep import sweep
 from granphon.scene.scene import Scene
 
@@ -344,8 +344,7 @@ def test_pieces_side_by_side_give_the_same_numbers(rough, unit):
 
 def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
     """So that a sweep that is resumed finds it under the same name."""
-    from granphon.runs.cases import Case
-    from granphon.runs.tasks import CaseTasks
+    from granphon.runs.tasks import Case, CaseTasks
 
     def names(forces):
         work = CaseTasks(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)))
