@@ -51,16 +51,6 @@ class Halo:
         """Return the distance of a shift along the lattice in the flattened array."""
         return sum(step * stride for step, stride in zip(shift, self._strides, strict=True))
 
-    def surround(self, parts: Sequence[NDArray[np.floating]], precision: DTypeLike) -> Values:
-        """Return parts (n, L1, ..., Lp), one after the other, in one array with their images in the ghost cells."""
-        out, at = np.empty((sum(map(len, parts)), *self.outer), precision), 0
-        for part in parts:
-            out[at : at + len(part)][self.inner] = part
-            at += len(part)
-        for image, cell in self.images(out, 0):
-            image[...] = cell
-        return out
-
     def images(self, array: Values, first: int) -> Iterator[tuple[Values, Values]]:
         """Yield views of ghost layers and of the layers that they repeat, axis after axis from ``first`` on."""
         for axis in range(first, len(self.shape)):
@@ -257,7 +247,10 @@ class ContactHessian:
         coupling = coupling or {}
         tables = {id(one): one for one in coupling.values()}
         n, rows = operator.n_contacts, operator.n_rows
-        law = operator.halo.surround([*stiffness, *tables.values()], precision)
+        law = np.empty((rows + n * len(tables), *operator.halo.outer), precision)  # with images in the ghost cells
+        np.concatenate([*stiffness, *tables.values()], out=law[operator.halo.inner], casting="unsafe")
+        for image, cell in operator.halo.images(law, 0):
+            image[...] = cell
         law = law.reshape(len(law), -1)
         place = {key: slice(rows + at * n, rows + (at + 1) * n) for at, key in enumerate(tables)}
         #: of each part the diagonal of D, and the rest as (rows a, rows b, their coupling)

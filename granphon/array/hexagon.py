@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse import find_step_length
-from granphon.array.sparse_matrices import compose, factorise
+from granphon.array.sparse import find_step, find_step_length
+from granphon.array.sparse_matrices import compose
 from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
@@ -341,10 +341,7 @@ class Hexagon:
                 return z * unit, left
             stiffness = 1.5 * root
             stiffness += _ADDED * min(1.0, left) * max(1.0, float(np.max(stiffness)))
-            springs = (transposed @ matrix.multiply(stiffness[:, None])).tocsc()[free][:, free]
-            step = np.zeros(z.size)
-            step[free] = factorise(springs).solve(pull[free])
-            strain = matrix @ step
+            step, strain = find_step(matrix, transposed, stiffness, pull, free)
             length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0
             z, h = z + length * step, h - length * strain
         raise ConvergenceError(

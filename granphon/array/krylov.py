@@ -68,7 +68,7 @@ def conjugate_gradients(
                 return found, count, True
         if count == most:
             break
-        _scale_and_add(way, product / last if count else 0.0, better)
+        _add(way, 1.0, better, product / last if count else 0.0)
         change = apply(way)
         curvature = dot(way, change)
         if curvature <= 0.0:
@@ -113,21 +113,14 @@ def solve_for_motion(
     return Motion(found[:size].reshape(shape), float(found[size]) / root), count
 
 
-def _add(vector: Values, factor: float, other: Values) -> None:
-    """Add a multiple of another vector to a vector."""
+def _add(vector: Values, factor: float, other: Values, own: float = 1.0) -> None:
+    """Multiply a vector by its ``own`` factor, and add another times a ``factor`` to it."""
     one, two = vector.reshape(-1), other.reshape(-1)
     for low in range(0, one.size, _CACHED):
-        part = one[low : low + _CACHED]
-        np.add(part, factor * two[low : low + _CACHED], out=part)
-
-
-def _scale_and_add(vector: Values, factor: float, other: Values) -> None:
-    """Multiply a vector by a factor, and add another to it."""
-    one, two = vector.reshape(-1), other.reshape(-1)
-    for low in range(0, one.size, _CACHED):
-        part = one[low : low + _CACHED]
-        np.multiply(part, factor, out=part)
-        np.add(part, two[low : low + _CACHED], out=part)
+        part, more = one[low : low + _CACHED], two[low : low + _CACHED]
+        if own != 1.0:
+            np.multiply(part, own, out=part)
+        np.add(part, more if factor == 1.0 else factor * more, out=part)
 
 
 def solve_by_minimal_residuals(

@@ -43,12 +43,10 @@ class SparseArray:
     deviations : (L1, ..., Lp) x = Delta/W, of mean zero; (n, L1, ..., Lp) of n > 1 balls in the cell.
     lattice : the lattice, which stands without friction.
 
-    Whatever does not depend on the load is made once: C, and the positions at which each contact's stiffness enters C^T K C.
+    C, which does not depend on the load, is made once.
     """
 
     def __init__(self, deviations: Array, lattice: Lattice = TRIANGULAR) -> None:
-        from scipy.sparse import csc_array
-
         n, table, self.lattice = deviations.size, lattice.contacts, lattice
         d = self._d = lattice.periods
         self.shape: tuple[int, ...] = deviations.shape[-d:]
@@ -60,21 +58,7 @@ class SparseArray:
         )
         self._means = 0.5 * (deviations.ravel()[self._i] + deviations.ravel()[self._j])
         self._c = self._make_compatibility(0.0)
-        self._transposed = self._c.T.tocsr()
-        # the entries of C^T K C are a constant matrix times the stiffnesses; the first ball is pinned
-        i, j, normal = self._i, self._j, np.repeat(table.normal, math.prod(self.shape), axis=0).T
-        pairs = [(p, q) for p in range(d) for q in range(d)]
-        blocks = [(a, b, p, q, s) for a, b, s in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)) for p, q in pairs]
-        row, column, factor = (
-            np.concatenate(parts)
-            for parts in zip(*((d * a + p, d * b + q, s * normal[p] * normal[q]) for a, b, p, q, s in blocks), strict=True)
-        )
-        kept, self._size = (row >= d) & (column >= d), d * (n - 1)
-        place, slot = np.unique((column[kept] - d) * self._size + row[kept] - d, return_inverse=True)
-        contact = np.tile(np.arange(i.size), len(blocks))[kept]
-        self._fill = csc_array((factor[kept], (slot, contact)), shape=(place.size, i.size)).tocsr()
-        self._indices = (place % max(1, self._size)).astype(np.int32)
-        self._starts = np.searchsorted(place, np.arange(self._size + 1) * self._size).astype(np.int32)
+        self._transposed, self._free = self._c.T.tocsr(), np.arange(d, d * n)  # the first ball is pinned
 
     def _make_compatibility(self, mindlin_ratio: float) -> Any:
         """Return C. Rows: elongations of all contacts, kind by kind, then slips along one tangent after the other.
@@ -106,8 +90,6 @@ class SparseArray:
         Raises :class:`~granphon.base.errors.ConvergenceError` if the tolerance is not reached, or too few balls touch to
         carry a load.
         """
-        from scipy.sparse import csc_array
-
         h = overlap + self._means
         for _ in range(_FACTORISATIONS):
             if check is not None:
@@ -124,9 +106,7 @@ class SparseArray:
             left = residual / scale
             stiffness = 1.5 * root
             stiffness += ADDED_STIFFNESS * min(1.0, left) * np.mean(stiffness)
-            entries = self._fill @ stiffness, self._indices, self._starts
-            step = factorise(csc_array(entries, shape=(self._size, self._size))).solve(pull[self._d :])
-            strain = self._c @ np.concatenate([np.zeros(self._d), step])
+            _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
             message(
@@ -174,6 +154,16 @@ class SparseArray:
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
         left = strained - c @ motion
         return np.asarray(left.T @ (stiffness[:, None] * left) / (self.lattice.measure * math.prod(self.shape)))
+
+
+def find_step(c: Any, transposed: Any, stiffness: Array, pull: Array, free: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return the step of Newton's method that takes the forces ``pull`` away, and the deformations C u by it.
+
+    It solves C^T K C u = ``pull`` for the motions that are ``free``; the others are zero.
+    """
+    step = np.zeros(pull.size)
+    step[free] = factorise((transposed @ c.multiply(stiffness[:, None])).tocsc()[free][:, free]).solve(pull[free])
+    return step, c @ step
 
 
 def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:

@@ -95,19 +95,6 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0) -> Any
     return splu(single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options)
 
 
-def compose_rows(i: Indices, j: Indices, head: Array, tail: Array, kind: Indices, contact: Indices) -> Any:
-    """Return C as a sparse matrix, with a row for each deformation ``kind`` of a ``contact``.
-
-    Other arguments are those of :func:`factorise_contacts`; columns are (fields, balls).
-    """
-    fields, balls, parts = head.shape[1], int(max(np.max(i), np.max(j))) + 1, []
-    for ends, row in ((j, head), (i, -tail)):
-        for field in range(fields):
-            here = np.flatnonzero(row[kind, field])
-            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
-    return compose(parts, (kind.size, fields * balls))
-
-
 def factorise_contacts(i: Indices, j: Indices, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:
     """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
 
@@ -127,10 +114,13 @@ def factorise_contacts(i: Indices, j: Indices, head: Array, tail: Array, stiffne
     stiff = stiffness > STIFF * mean
     kind, contact = np.nonzero(stiff)
     soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, balls), _LEAST_DIAGONAL * mean)
+    parts = []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
             diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
-    c = compose_rows(i, j, head, tail, kind, contact)
+            here = np.flatnonzero(row[kind, field])
+            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
+    c = compose(parts, (kind.size, fields * balls))
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
     scale = 1.0 / np.sqrt(matrix.diagonal())
     matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)

@@ -408,7 +408,13 @@ class _Path:
             lambda: self._inverses.choose(geometry.weigh(state.stiffnesses, state.forces))
         )
         self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
-        stable = down is None or trial.bend(down) >= 0.0
+        stable = True
+        if down is not None:  # with all contacts that touch
+            stiffness, none = 1.5 * trial.root, np.zeros((0, *trial.root.shape))
+            change, _ = trial.place.respond(
+                Motion(down, 0.0), lambda loss, slip: (stiffness * loss, slip), trial.forces, none
+            )
+            stable = dot(change, down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
             return trial, state
         if not stable:  # go down from the saddle, on the way along which the curvature is below zero
@@ -448,9 +454,3 @@ class _Trial:
     def slope(self, step: Motion) -> float:
         """Return the slope of the energy along a step."""
         return float(-np.sum(self.pull * step.balls) - self.push * step.compression)
-
-    def bend(self, way: Array) -> float:
-        """Return the curvature of the energy along a motion of the balls, with all contacts that touch."""
-        stiffness, none = 1.5 * self.root, np.zeros((0, *self.root.shape))
-        change, _ = self.place.respond(Motion(way, 0.0), lambda loss, slip: (stiffness * loss, slip), self.forces, none)
-        return dot(change, way)

@@ -259,7 +259,7 @@ class ContactLattice(LongWaves):
             values[limit], vectors[limit], velocities[limit] = found
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
-        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, -1) * phase
+        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, self.n_branches) * phase
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         ahead = np.where(at_gamma[:, None], along, asked)
@@ -270,7 +270,7 @@ class ContactLattice(LongWaves):
         beside = np.zeros_like(values)
         if self.periods == 2 and 2 in self.motions.translations:
             beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
-        physical = motion.reshape(len(q), self.n_branches, -1)
+        physical = motion.reshape(len(q), self.n_branches, self.n_branches)
         return asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside
 
     def _solve(self, q: Array) -> Array:

@@ -26,6 +26,7 @@ from granphon.base.validation import finite_array
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION, readable_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
+from granphon.phonons.phonopy_atoms import number_kinds
 
 Array = NDArray[np.float64]
 #: width of the line of a contact with the mean force, in diameters
@@ -36,6 +37,8 @@ _MOST_POINTS = 1.5
 _WIDEST = 4.0
 #: colours of balls and of those that do not move, and of contacts without force and walls
 _BALL, _STILL, _IDLE = "0.95", "0.75", "0.55"
+#: colours of balls of several kinds
+_TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
 #: difference of forces, over their mean, that is only rounding
 _SAME = 1e-10
 #: largest distance of a ball from the layer that is drawn, in diameters
@@ -336,10 +339,14 @@ class _Network(_Map):
         diameter = float(2.0 * np.mean(radii))
         margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
         width, tall = (high - low + 2.0 * margin).tolist()
+        # balls of each mass have a tint of their own, if there are few masses
+        moving = network.moving[shown]
+        colours = np.full(len(shown), _STILL, dtype=object)
+        colours[moving] = [_TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])]
         along = ", seen along $z$" if network.dimension == 3 else ""
         title = f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}"
         return cls(
-            places, radii, np.where(network.moving[shown], _BALL, _STILL), sums[shown], counts[shown],
+            places, radii, colours, sums[shown], counts[shown],
             (*(low - margin).tolist(), *(high + margin).tolist()), diameter,
             1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)), title, network,
         )  # fmt: skip

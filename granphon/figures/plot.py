@@ -29,9 +29,11 @@ _PICTURES = {
     "granphon.SimulatedState": ("forces", "forces_figure", "state"),
     "xarray.Dataset": ("sweeps", "sweep_figure", "dataset"),
 }
+#: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
+_FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
 _WORDS = (
-    "bands, a density of states, a sweep, a fit, a trade-off, spectra, a pulse, a simulated state, a network, or the"
+    "bands, a density of states, a sweep, a fit, a trade-off, spectra, a pulse, a state, a sample, a network, or the"
     " result of a run of a scene with bands, a density of states or a sweep"
 )
 
@@ -40,8 +42,9 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     """Draw the default picture of a result, or one picture of several, and return the figure, which a notebook shows.
 
     ``result`` is bands, a density of states (of a lattice or of a sample), a sweep, a fit, a trade-off, spectra along a path
-    or at single wave vectors, a pulse, a simulated state at one load, a network of contacts, or the result of the run of a
-    scene, of which bands, density of states or sweep are drawn. ``options`` are those of the function of
+    or at single wave vectors, a pulse, a state at one load, a sample, a network of contacts, or the result of the run of a
+    scene, of which bands, density of states or sweep are drawn. Of a state whose contacts follow from a law the picture is
+    that of some cells of its network. ``options`` are those of the function of
     :mod:`granphon.figures` that draws it, such as ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``.
     Functions that draw on an Axes of yours are in the same modules.
 
@@ -71,11 +74,25 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
             known, given = _PICTURES["granphon.Bands"], spectra
-    if known is None or (kinds[0] == "xarray.Dataset" and dataset is None):
+    if known is None:
+        known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
+    if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
     draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given, options)
     return _show(draw(**given, **options))
+
+
+def _find_network(result: Any) -> dict[str, Any]:
+    """Return what the figure of a network takes for a state or a sample: its network, or several small cells of it."""
+    from granphon.networks.network import ContactNetwork
+
+    network = getattr(result, "network", None)
+    if not isinstance(network, ContactNetwork):
+        return {}
+    periods = sum(network.pbc)
+    few = periods > 0 and network.n_balls <= _FEW_BALLS
+    return {"network": network.repeat((_CELLS[periods - 1],) * periods) if few else network}
 
 
 def _show(figure: Figure) -> Figure:

@@ -858,6 +858,10 @@ class Crystal:
                 for at in range(len(found)):
                     riding = (rider >= 0) & (rider == sum(all(w != "free" for w in f.edges) for f in self.faces[:number]))
                     moved[at, riding, face.axis] = ways[at, rider[riding][0]] if np.any(riding) else 0.0
+        # a motion of the whole crystal means nothing where no wall is in its way
+        if not any("clamped" in face.edges for face in self.faces):
+            loose = [axis for axis in range(d) if axis not in {axis for axis, _, _ in self._floors}]
+            moved[..., loose] -= np.mean(moved[..., loose], axis=1, keepdims=True)
         overlap = np.array([rest.overlap for rest, _ in found])
         force = np.array([springs.force(one) for one in overlap])
         stiffness = np.array([springs.stiffness(one) for one in overlap])
@@ -1067,7 +1071,8 @@ class CrystalState:
             own["tangential_force"] = np.zeros((np.count_nonzero(kept), 3))
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
-            motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows, **own,
+            motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
+            adhesive=crystal.springs.adhere, **own,
         )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ cell. Newton's method starts there from the state at small overlap, and its matr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -280,7 +280,7 @@ def _descend(
         stiffness = springs.stiffness(overlap)
         closed = stiffness[stiffness > 0.0]
         added = _ADDED * min(1.0, residual) * float(np.mean(closed)) if closed.size else mean / frame.length
-        step = system.solve(stiffness + added, pull, min(0.1, max(0.1 * residual**0.5, 1e-5)), mean)
+        step = system.solve(stiffness + added, pull, min(0.1, max(0.1 * residual**0.5, 1e-4)), mean)
         change = np.asarray(press @ step)
         length = _find_length(springs, overlap, change, force, float(pull @ step), residual)
         if length is None:
@@ -341,9 +341,9 @@ class _System:
     def __init__(self, frame: Frame, press: Any, held: NDArray[np.bool_]) -> None:
         self.frame, self.free = frame, np.flatnonzero(~held)
         self.renew(press)
-        self.direct = len(self.free) <= _MOST_DIRECT
+        self.direct = frame.dimension == 1 or len(self.free) <= _MOST_DIRECT
         self.factored = len(self.free) <= _MOST_FACTORISED[frame.dimension - 1]
-        self.factors: Any = None
+        self.inverse: Callable[[Array], Array] | None = None
 
     def renew(self, press: Any) -> None:
         """Take other overlaps (n_c, N) of the unknowns."""
@@ -359,45 +359,62 @@ class _System:
         if not len(self.free):
             return out
         scale = float(np.mean(stiffness))
-        if self.factored and (self.direct or self.factors is None):
-            self._factorise(stiffness / scale)
+        springs, aim = stiffness / scale, right[self.free] / scale
         if self.direct:
-            out[self.free] = self.factors.solve(right[self.free]) / scale
+            out[self.free] = factorise(self._matrix(self.press, springs, _HOLD)).solve(aim)
             return out
 
         def apply(vector: Array) -> Array:
-            return np.asarray(self.transposed @ (stiffness / scale * (self.press @ vector)))
+            return np.asarray(self.transposed @ (springs * (self.press @ vector)))
 
-        aim, floor = right[self.free] / scale, len(self.free) * (_ROUNDED * size / scale) ** 2
-        if self.factored:
-            found, count, fine = conjugate_gradients(apply, self.factors.solve, aim, reduction, _PATIENCE, floor, True)
-            if count >= _PATIENCE or not fine:
-                self._factorise(stiffness / scale)
-                found, _, _ = conjugate_gradients(apply, self.factors.solve, aim, reduction, _PATIENCE, floor, True)
-        else:
-            diagonal, blocks = self._find_blocks(stiffness / scale)
-
-            def precondition(vector: Array) -> Array:
-                n, d, _ = blocks.shape
-                balls = np.einsum("nab,nb->na", blocks, vector[: n * d].reshape(n, d))
-                return np.concatenate([balls.ravel(), vector[n * d :] / diagonal])
-
-            found, _, _ = conjugate_gradients(apply, precondition, aim, reduction, _ITERATIONS, floor, True)
+        floor = len(self.free) * (_ROUNDED * size / scale) ** 2
+        most = _PATIENCE if self.factored else _ITERATIONS
+        for _ in range(2):
+            fresh = self.inverse is None or not self.factored
+            if fresh:
+                self.inverse = self._invert(springs)
+            assert self.inverse is not None
+            found, count, fine = conjugate_gradients(apply, self.inverse, aim, reduction, most, floor, True)
+            if fresh or (count < most and fine):
+                break
+            self.inverse = None
         out[self.free] = found
         return out
 
-    def _factorise(self, stiffness: Array) -> None:
+    @staticmethod
+    def _matrix(press: Any, stiffness: Array, hold: float) -> Any:
+        """Return B^T K B, with springs that hold each unknown."""
         from scipy.sparse import diags_array, eye_array
 
-        hold = _HOLD if self.direct else _HOLD_LOOSELY
-        matrix = self.transposed @ (diags_array(stiffness) @ self.press) + hold * eye_array(len(self.free))
-        self.factors = factorise(matrix.tocsc())
+        return (press.T @ (diags_array(stiffness) @ press) + hold * eye_array(press.shape[1])).tocsc()
 
-    def _find_blocks(self, stiffness: Array) -> tuple[Array, Array]:
-        """Return the diagonal of what is no displacement, and the inverse blocks of the balls."""
+    def _invert(self, stiffness: Array) -> Callable[[Array], Array]:
+        """Return an approximate inverse of B^T K B, from LU factors of the displacements, or the blocks of the balls.
+
+        Strains and walls, which act on all balls, would fill the factors: they have their own diagonal.
+        """
         d, n = self.frame.dimension, int(np.count_nonzero(self.free < self.frame.n_free))
-        squares = self.transposed.multiply(self.transposed)
-        diagonal = np.asarray(squares[n:] @ stiffness) + 1e-300
+        squares = self.transposed[n:].multiply(self.transposed[n:])
+        diagonal = np.asarray(squares @ stiffness) + _HOLD
+        if self.factored:
+            matrix = self._matrix(self.press[:, :n], stiffness, _HOLD_LOOSELY)
+            factors = factorise(matrix, approximate=True)
+
+            def solve(force: Array) -> Array:
+                largest = float(np.max(np.abs(force), initial=0.0)) or 1.0  # single precision has no numbers below 1e-38
+                return np.asarray(factors.solve((force / largest).astype(np.float32)) * largest, float)
+
+        else:
+            blocks = self._find_blocks(stiffness, n)
+
+            def solve(force: Array) -> Array:
+                return np.asarray(np.einsum("nab,nb->na", blocks, force.reshape(-1, d)).ravel())
+
+        return lambda vector: np.concatenate([solve(vector[:n]), vector[n:] / diagonal])
+
+    def _find_blocks(self, stiffness: Array, n: int) -> Array:
+        """Return the inverse blocks (balls, d, d) of the ``n`` displacements."""
+        d = self.frame.dimension
         coo = self.press[:, :n].tocoo()
         ball, axis = np.divmod(coo.col, d)
         blocks = np.zeros((n // d, d, d))
@@ -413,7 +430,7 @@ class _System:
             for b in range(d):
                 blocks[:, a, b] = np.bincount(owner, weight * full[:, a] * full[:, b], n // d)
         mean = float(np.mean(np.trace(blocks, axis1=1, axis2=2)))
-        return diagonal, np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
+        return np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
 
 
 # -- in the true geometry ---------------------------------------------------------------------------------------------------

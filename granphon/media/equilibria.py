@@ -90,37 +90,30 @@ def find_equilibria(
     carries the index of its load as ``load_index``.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
-    out, last = dict[int, Equilibrium](), None
+    out, before = dict[int, Equilibrium](), None
     for place in sort_by_load(prescribed):
         try:
-            last = out[place] = _equilibrate(deviations, prescribed[place], stencils, last, ratio)
-            _ = last.stiffness  # every state needs it: found here, it is found in parallel
+            found = out[place] = find_equilibrium(deviations, stencils, prescribed[place], before, ratio)
+            _ = found.stiffness  # every state needs it: found here, it is found in parallel
         except GranphonError as error:
             error.load_index = place
             raise
+        before = found.overlap, found.balls
     stencils.forget()
     return out
 
 
 def find_equilibrium(
-    deviations: Array, lattice: Lattice, prescribed: ReducedLoad, before: tuple[float, Array] | None, workers: int,
-    ratio: float = 0.0,
-) -> Equilibrium:  # fmt: skip
+    deviations: Array, stencils: Stencils, load: ReducedLoad, before: tuple[float, Array] | None, ratio: float = 0.0
+) -> Equilibrium:
     """Find the equilibrium of a sample with these ``deviations`` under one load.
 
     The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None; in the
     true geometry it does not.
     """
-    start = None if before is None else Equilibrium(deviations, *before, lattice=lattice)
-    stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
-    return _equilibrate(deviations, prescribed, stencils, start, ratio)
-
-
-def _equilibrate(
-    deviations: Array, load: ReducedLoad, stencils: Stencils, start: Equilibrium | None, ratio: float
-) -> Equilibrium:
     if ratio:
         return equilibrate_exactly(deviations, load, ratio, stencils)
+    start = None if before is None else Equilibrium(deviations, *before, lattice=stencils.lattice)
     return equilibrate(deviations, load, stencils, start)
 
 

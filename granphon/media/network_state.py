@@ -52,7 +52,7 @@ class NetworkState(State):
         return self.network.scales
 
     @property
-    def length(self) -> float:
+    def unit_length(self) -> float:
         """Unit of length, m."""
         return self.scales.length
 

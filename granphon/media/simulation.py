@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.geometry import ReducedLoad
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife
+from granphon.array.stencils import Stencils
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError, brief, message
@@ -455,7 +456,8 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         :func:`~granphon.media.equilibria.sort_by_load`; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
-        found = find_equilibrium(deviations, self.packing.structure, load, before, self.workers, self.ratio)
+        stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
+        found = find_equilibrium(deviations, stencils, load, before, self.ratio)
         return Sample(self.packing, self.seed_of(0), found)
 
     def require(self, load: Load) -> None:

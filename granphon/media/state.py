@@ -113,7 +113,7 @@ class State(ABC):
 
     @property
     @abstractmethod
-    def length(self) -> float:
+    def unit_length(self) -> float:
         """Unit of length, the same at all loads, m."""
 
     @property
@@ -470,7 +470,7 @@ class ContactState(State, Result):
         return f"{self.packing.structure.name} lattice"
 
     @property
-    def length(self) -> float:
+    def unit_length(self) -> float:
         """The mean diameter, m."""
         return self.packing.diameter
 

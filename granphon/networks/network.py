@@ -66,7 +66,7 @@ class ContactNetwork(Result):
     i, j : (n_c,) indices of the two balls of each contact.
     shift : (n_c, 3) whole cells by which ball j is displaced.
     normal : (n_c, 3) unit vectors from i to j along which contacts are compressed.
-    normal_force : (n_c,) compressive forces, N, zero or above.
+    normal_force : (n_c,) compressive forces, N, zero or above; below zero where balls that adhere pull.
     normal_stiffness : (n_c,) N/m, above zero.
     shear_stiffness : (n_c,) N/m, zero where a contact does not resist slip.
     torsion_stiffness, bending_stiffness : (n_c,) resistance against twist and against rolling, N m.
@@ -82,6 +82,7 @@ class ContactNetwork(Result):
     labels : (n,) whole numbers that name the balls, such as those in the file from which they come; None if there are none.
     lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
         cells, ball by ball of each cell; None for a network of another kind.
+    adhesive : whether contacts may pull; tables of such a network are not read again.
 
     Raises
     ------
@@ -127,6 +128,7 @@ class ContactNetwork(Result):
     lattice: Lattice | None = None
     shape: tuple[int, ...] | None = None
     tangential_force: Array | None = None
+    adhesive: bool = False
 
     def __post_init__(self) -> None:
         plain: Any = self.pbc.tolist() if isinstance(self.pbc, np.ndarray) else self.pbc
@@ -134,7 +136,7 @@ class ContactNetwork(Result):
             what = f"pbc of the network is {brief(self.pbc)}"
             raise InputError(message(what, mend="Give three truth values, one for each vector of the cell"))
         given: dict[str, Any] = {"pbc": tuple(require("pbc", truth, value) for value in plain)}
-        given["prestress"] = require("prestress", truth, self.prestress)
+        given |= {name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")}
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         if self.shape is not None:
@@ -555,7 +557,8 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
     yield "normal", np.abs(size - 1.0) <= _UNIT, "has a normal whose length is not one", ""
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
-        inside = np.isfinite(values) & ((values > 0.0) if least == "above zero" else (values >= 0.0))
+        pulling = network.adhesive and name == "normal_force"
+        inside = np.isfinite(values) & ((values > 0.0) if least == "above zero" else (values >= 0.0) | pulling)
         pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
         yield name, inside, f"has a {name} that is not {least}{pulls}", ""
     if (force := network.tangential_force) is not None:

@@ -98,7 +98,7 @@ def pulse_velocities(
     """
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
-    d, periods = state.length, state.reference_lattice.periods
+    d, periods = state.unit_length, state.reference_lattice.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
     known = state.wave_names

@@ -51,9 +51,12 @@ _MESHES = ((1024,), (64, 64), (32, 32, 32))
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
 _NO_GAP = 1e-6
-#: number of points from which the edge of a band is sought, of steps, and the factor by which each is shorter than the one
-#: before: an extremum is then known to rounding, and a corner, where branches touch, to 1e-8
-_STARTS, _STEPS, _SHORTER = 16, 50, 0.7
+#: number of points of the mesh from which an edge of a band is sought, and of steps at most
+_STARTS, _TURNS = 6, 30
+#: number of branches beyond which it is sought from fewer points, as many edges are near
+_FEW_BRANCHES = 120
+#: step, 1/d, after which the frequency is that of the extremum to rounding
+_LEVEL = 1e-8
 #: number of wave vectors, of similar frequencies, whose weights in the tetrahedron method are computed together
 _POINTS_TOGETHER = 128
 
@@ -356,8 +359,8 @@ class Phonons:
     def gaps(self, mesh: Sequence[int] | None = None) -> Array:
         """Return the gaps, (n, 2) Hz, ascending: intervals from zero to the top frequency in which no branch lies.
 
-        The edges of bands are sought on a mesh of the whole zone and at its special points, and from the best of these at
-        ever nearer points until they change no more. If something holds the balls, the interval below the lowest branch
+        The edges of bands are sought on a mesh of the whole zone and at its special points, and from the best of these along
+        group velocities. If something holds the balls, the interval below the lowest branch
         counts. Intervals below a millionth of the top frequency are branches that touch.
 
         Parameters
@@ -373,34 +376,48 @@ class Phonons:
         values = self.lattice.frequencies(self.lattice.wavevectors(q))
         low, high = values.min(axis=0), values.max(axis=0)
         least = _NO_GAP * float(high[-1])
-        reached = np.maximum.accumulate(high)
-        found = []
-        for branch in range(len(low)):
-            below = reached[branch - 1] if branch else 0.0
-            if low[branch] - below <= least:
-                continue
-            above = self._seek(q, values, branch, -1.0, numbers)
-            if branch:
-                # whichever branch below reaches highest, the last of them is at least as high at its wave vector
-                below = self._seek(q, values, branch - 1, 1.0, numbers)
-            if above - below > least:
-                found.append((below, above))
+        below = np.concatenate([[0.0], np.maximum.accumulate(high)[:-1]])
+        gaps = np.flatnonzero(low - below > least)
+        if not gaps.size:
+            return np.zeros((0, 2))
+        # lower and upper edges: the tops of the branches below, of which the last reaches as high as any, and the bottoms
+        branch = np.concatenate([gaps[gaps > 0] - 1, gaps])
+        sign = np.concatenate([np.ones(np.count_nonzero(gaps > 0)), -np.ones(len(gaps))])
+        several = max(1, min(_STARTS, _FEW_BRANCHES // len(low)))
+        order = np.argsort(-sign * values[:, branch], axis=0, kind="stable")[:several].T
+        starts, (edges, several) = self.lattice.wavevectors(q[order]).reshape(-1, p), order.shape
+        reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
+        best = self._climb(starts, np.repeat(branch, several), np.repeat(sign, several), reach)
+        edge = sign * best.reshape(edges, several).max(axis=1)
+        lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
+        lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
+        found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
         return np.reshape(found, (-1, 2)) * self.scales.frequency
 
-    def _seek(self, points: Array, known: Array, branch: int, sign: float, numbers: tuple[int, ...]) -> float:
-        """Return the highest (``sign`` = 1) or lowest frequency of a branch, by ever shorter steps from the best points.
+    def _climb(self, wavevectors: Array, branch: NDArray[np.intp], sign: Array, reach: float) -> Array:
+        """Return the highest frequencies times ``sign`` (n,) of branches (n,) that are met from wave vectors (n, p), 1/d.
 
-        ``known`` (n, branches) are the frequencies, (k/M)^1/2, at the ``points`` (n, p).
+        The way is along the group velocity, with the steps of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141,
+        1988), none longer than ``reach``.
         """
-        p = points.shape[1]
-        around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * p, indexing="ij"), axis=-1).reshape(-1, p)
-        best, step = points[np.argsort(-sign * known[:, branch], kind="stable")[:_STARTS]], 0.7 / np.array(numbers)
-        for _ in range(_STEPS):
-            q = best[:, None] + around * step
-            values = sign * self.lattice.frequencies(self.lattice.wavevectors(q).reshape(-1, p))[:, branch]
-            values = values.reshape(len(best), -1)
-            best, step = q[np.arange(len(best)), values.argmax(axis=1)], _SHORTER * step
-        return float(sign * np.max(values))
+        along, count = np.eye(self._periods)[0], len(branch)
+        best, q = np.full(count, -np.inf), wavevectors.copy()
+        before, slope_before, left = q.copy(), np.zeros_like(q), np.arange(count)
+        for turn in range(_TURNS):
+            modes, row = self.lattice.modes(q[left], along), np.arange(left.size)
+            best[left] = np.maximum(best[left], sign[left] * modes.frequencies[row, branch[left]])
+            slope = sign[left, None] * modes.group_velocities[row, branch[left]]
+            moved, size = q[left] - before[left], np.linalg.norm(slope, axis=1)
+            bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
+            step = np.divide(np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0)
+            step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
+            ahead = np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
+            before[left], slope_before[left] = q[left], slope
+            q[left] += ahead
+            left = left[step > _LEVEL]
+            if not left.size:
+                break
+        return best
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:
         """Return a Gamma-centred mesh, reduced by the point group of the lattice if the frequencies have its symmetry."""

@@ -34,8 +34,11 @@ _ONE_MASS = 1e-9
 OFFSET: Array = read_only([0.0031, 0.0047, 0.0059])
 
 
-def name_balls(masses: Array) -> list[str]:
-    """Return a chemical symbol for each ball: one for each kind, which is a mass (n,); one for all of too many kinds."""
+def number_kinds(masses: Array) -> list[int]:
+    """Return the number of the kind of each ball: balls of one mass (n,) are one kind, and kinds count as they come.
+
+    Where there are too many of them for the symbols in :data:`KINDS`, all balls are of one kind.
+    """
     kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
@@ -43,9 +46,14 @@ def name_balls(masses: Array) -> list[str]:
         if kind == len(kinds):
             kinds.append(mass)
         if len(kinds) > len(KINDS):
-            return [BALL] * len(masses)
+            return [0] * len(masses)
         numbers.append(kind)
-    return [KINDS[number] for number in numbers]
+    return numbers
+
+
+def name_balls(masses: Array) -> list[str]:
+    """Return a chemical symbol for each ball, one for each kind of :func:`number_kinds`."""
+    return [KINDS[number] for number in number_kinds(masses)]
 
 
 def name_atoms(masses: Array, motions: Motions) -> list[str]:

@@ -82,6 +82,7 @@ CASES = {
 }
 
 
+@pytest.mark.claim("network-bands")
 @pytest.mark.parametrize("case", CASES)
 def test_frequencies_are_those_of_forces_summed_one_by_one(case):
     network = CASES[case]()

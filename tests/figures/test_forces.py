@@ -14,7 +14,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.figures.forces import forces_figure, plot_force_distribution, plot_forces
 from tests import packings
-from tests.figures.conftest import assert_inside_page
+from tests.figures.conftest import assert_inside_page, with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
@@ -301,3 +301,16 @@ def test_the_layer_that_is_drawn_of_hcp_is_whole():
     assert len(rows) == 12
     # half a row is left below the lowest and above the highest
     assert_allclose([rows.min() - low, high - rows.max()], 0.25 * 3.0**0.5, rtol=1e-12)
+
+
+def test_a_state_and_a_sample_are_drawn_by_their_networks():
+    """Some cells of a state, with a tint for each mass."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
+    assert gp.plot(state).axes[0].get_title() == "16 balls, 48 contacts"
+    network = state.network.repeat((1, 2))
+    masses = network.masses * [1.0, 2.0]
+    ax = gp.plot(replace(network, masses=masses, lattice=None, shape=None)).axes[0]
+    colours = with_gid(ax, "balls").get_facecolor()
+    assert len({tuple(one) for one in colours.tolist()}) == 2
+    with pytest.raises(gp.GranphonError, match="2 loads"):
+        gp.plot(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]))

@@ -154,8 +154,12 @@ def test_a_chain_of_steel_and_aluminium():
     edges = np.sqrt(2 * k * np.array([1 / S.mass, 1 / A.mass, 1 / S.mass + 1 / A.mass])) / (2 * math.pi)
     assert_allclose(edges, [4710.53, 8101.49, 9371.40], atol=0.01)
     assert_allclose(state.crystal.cell[0, 0] * math.sqrt(k / 2 / (S.mass + A.mass)), 487.42, atol=0.01)
+    phonons = gp.Phonons(state)
+    assert_allclose(phonons.frequencies([[0.5], [0.0]]), [edges[:2], [0.0, edges[2]]], rtol=1e-13, atol=1e-9)
+    assert_allclose(phonons.gaps(), [edges[:2]], rtol=1e-12)
+    assert_allclose(gp.sound_velocities(state).longitudinal, 487.42, atol=0.01)
     found = gp.Waves(state.network.repeat((20,))).modes(39).frequencies
-    assert_allclose([found[18], found[19], found[-1]], edges, atol=0.01)
+    assert_allclose([found[18], found[19], found[-1]], edges, rtol=1e-12)
 
 
 def test_fcc_pressed_along_an_axis_carries_with_eight_of_twelve_contacts():
@@ -169,6 +173,12 @@ def test_fcc_pressed_along_an_axis_carries_with_eight_of_twelve_contacts():
     assert_allclose(state.overlap[closed], 8e-3 * 0.5e-4, rtol=1e-12)
     assert_allclose(np.diag(state.stress)[2] / np.diag(state.stress)[:2], 2.0, rtol=1e-12)
     assert_allclose(crystal.at_strain([0, 0, -1e-4, 0, 0, 0]).normal_force, state.normal_force, rtol=1e-15)
+    # sound along the axis; kappa/6 is the rotation of balls under unequal contacts
+    k, kappa = state.normal_stiffness[closed], state.shear_stiffness[closed]
+    v = gp.sound_velocities(state, (0, 0, 1))
+    unit = 8e-3**2 / PLAIN.mass
+    assert_allclose(v.longitudinal**2, (k[0] + kappa[0]) * unit, rtol=1e-12)
+    assert_allclose(np.square(v.transverse), (k[0] / 2 + kappa[0] / 6) * unit, rtol=1e-12)
     # the same as a stress, whose sides are those of contacts at 45 degrees
     again = crystal.at_stress(state.stress)
     assert_allclose(again.normal_force, state.normal_force, rtol=1e-9, atol=1e-9 * state.normal_force.max())
@@ -195,6 +205,12 @@ def test_balls_that_adhere_need_no_load(law):
     most = -pair.force(pair.least_overlap)
     pulled = crystal.at_pressure(-0.9 * 2 * 2**0.5 * most / gel.diameter**2)
     assert_allclose(pulled.normal_force, -0.9 * most, rtol=1e-11)
+    # pressed along one axis, contacts across it pull, and stay in the network
+    strained = crystal.at_strain([0.0, 0.0, -1e-3, 0.0, 0.0, 0.0])
+    assert np.any(strained.normal_force < 0.0)
+    assert strained.network.n_contacts == np.count_nonzero(strained.normal_stiffness)
+    stiff = strained.normal_stiffness > 0.0  # those of DMT have no stiffness where balls only touch
+    assert_allclose(strained.network.normal_force, strained.normal_force[stiff], rtol=1e-15)
     with pytest.raises(InputError, match=r"cannot bear a pressure of .* up to the tension that contacts bear"):
         crystal.at_pressure(-1.1 * 2 * 2**0.5 * most / gel.diameter**2)
 
@@ -234,6 +250,15 @@ def test_shear_and_torsion_of_unlike_balls():
     packing = gp.Packing(PLAIN.material, 8e-3, lattice="fcc", torsion="mindlin")
     wanted, found = gp.AveragedLattice(packing).at_force(5.0), gp.Crystal.on("fcc", [PLAIN], torsion="mindlin").at_force(5.0)
     assert_allclose(found.torsion_stiffness, wanted.torsion_stiffness, rtol=1e-12)
+
+
+def test_optic_modes_of_two_kinds():
+    for name, factors in (("NaCl", (2, 4)), ("CsCl", (8 / 3, 16 / 3))):
+        state = gp.Crystal.on(name, [S, A]).at_pressure(1e5)
+        stiff = factors[0] * state.normal_stiffness[0] + factors[1] * state.shear_stiffness[0]
+        wanted = math.sqrt(stiff * (1 / S.mass + 1 / A.mass)) / (2 * math.pi)
+        found = gp.Phonons(state).frequencies([[0.0, 0.0, 0.0]])[0]
+        assert np.count_nonzero(np.abs(found / wanted - 1) < 1e-12) == 3
 
 
 def test_a_light_impurity_in_a_chain():

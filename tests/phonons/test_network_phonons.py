@@ -45,6 +45,7 @@ STATES = {
 }  # fmt: skip
 
 
+@pytest.mark.claim("network-bands")
 @pytest.mark.parametrize("case", STATES)
 def test_a_network_of_a_state_has_the_numbers_of_the_state(case):
     """Bands, velocities, moduli and pulses; a state of its own with a network is one too."""

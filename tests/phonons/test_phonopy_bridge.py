@@ -17,6 +17,7 @@ import granphon as gp
 from granphon.base.errors import UnsupportedError
 from granphon.base.scales import HertzPrefix
 from granphon.phonons.phonopy_bridge import load_phonopy
+from tests.dynamics.test_network_lattice import hold, random_network, ribbon, rock_salt
 from tests.phonons.conftest import RESISTED, at_overlap, padded, phonons_of, random_points
 from tests.warm import Warm
 
@@ -48,13 +49,16 @@ CASES = {
     "out of plane": lambda: phonons_of("honeycomb", "out_of_plane"),
     "hcp": lambda: phonons_of("hcp", "all", **RESISTED),
     "smooth fcc": lambda: phonons_of("fcc", "all", friction=False),
+    "rock salt": lambda: gp.Phonons(rock_salt(2.0, 1.4, (1.0, 3.0))),
+    "ribbon of differing balls": lambda: gp.Phonons(ribbon(random_network("triangular", (2, 3)), 0)),
+    "held balls": lambda: gp.Phonons(hold(random_network("triangular", (2, 3)), [1])),
 }
 #: a path through the zone of one, two and three periods
 LINE = {1: "0 0 0 1/2 0 0", 2: "0 0 0 1/3 1/3 0 1/2 0 0 0.1 0.3 0", 3: "0 0 0 1/2 0 1/2 1/2 1/4 3/4 0.1 0.2 0.35"}
 
 
 #: these take the same ways as the others
-MANY = ("chain", "out of plane", "hcp", "smooth fcc")
+MANY = ("chain", "out of plane", "hcp", "smooth fcc", "held balls")
 
 
 @pytest.fixture(scope="module", params=[pytest.param(one, marks=[pytest.mark.exhaustive] * (one in MANY)) for one in CASES])
@@ -292,7 +296,7 @@ print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real
 
 
 @pytest.mark.claim("euphonic-bands")
-@pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome"])
+@pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome", "held balls"])
 def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
     bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
     bands.write(tmp_path / "band.yaml")
