@@ -387,9 +387,10 @@ class Plan:
         self.require_waves(QUICK_BALLS)
 
     def require_waves(self, most: float = math.inf) -> None:
-        """Raise if it is known that arrays of up to ``most`` balls have not the waves that are observed.
+        """Raise if it is known that arrays have not the waves that are observed.
 
-        Nothing is simulated; arrays of more than a hundred thousand balls take seconds.
+        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is simulated; those of more than
+        a hundred thousand balls take seconds.
         """
         wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None):
