@@ -16,9 +16,12 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 # ruff: noqa: E402
 import cmath
+import errno
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import mpmath
@@ -58,6 +61,33 @@ def one_error(capsys: pytest.CaptureFixture[str]) -> str:
     assert err.startswith("granphon: error: ")
     assert err.count("\n") == 1
     return err.removeprefix("granphon: error: ").strip()
+
+
+@contextmanager
+def without_rights(path: Path, remove: bool = True) -> Iterator[None]:
+    """Let nobody write to a file, nor remove it unless ``remove``; root may do both."""
+    access = os.access
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "access", lambda at, mode: Path(at) != path and access(at, mode))
+        if not remove:
+            patch.setattr(os, "unlink", lambda name: (_ for _ in ()).throw(PermissionError()))
+        yield
+
+
+@pytest.fixture
+def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file system that keeps no locks, of a part of a file or, as its parameter says, of a whole file."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(pytest.importorskip("fcntl"), getattr(request, "param", "lockf"), refuse)
+
+
+@pytest.fixture
+def memory(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Let the machine have so much memory, in B."""
+    return lambda amount: monkeypatch.setattr("granphon.media.cost.available_memory", lambda: amount)
 
 
 #: one neighbour: ball i, ball j, unit normal from i to j

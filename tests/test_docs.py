@@ -59,7 +59,10 @@ COLUMN = 88
 WRAPPED = ("console", "text")
 
 #: pages that take seconds, by simulations or by measuring times
-LONG = ("explanation/cluster.md", "how-to/material.md", "how-to/tradeoff.md")
+LONG = (
+    "explanation/cluster.md", "how-to/material.md", "how-to/simulation.md", "how-to/tradeoff.md", "how-to/velocities.md",
+    "how-to/waves.md",
+)  # fmt: skip
 
 _FENCE = re.compile(r"^```(\S+)[^\n]*\n(.*?)^```\s*$", re.MULTILINE | re.DOTALL)
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
@@ -380,12 +383,15 @@ def interface_text() -> str:
     return "\n".join(page.read_text(encoding="utf-8") for page in _generate.interface_pages())
 
 
-def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
+@pytest.mark.parametrize("those", ["PLAIN", pytest.param("READ", marks=pytest.mark.exhaustive)])
+def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch, those):
+    """The plain ones, and those for which scenes are run."""
     monkeypatch.syspath_prepend(DOCS)
     import _generate
 
-    made = _generate.regions()
-    assert set(made) == {name for page in _generate.PAGES for name in _generate.marks(page.read_text(encoding="utf-8"))}
+    made = _generate.regions([one.__name__ for one in getattr(_generate, those)])
+    every = {one.__name__ for one in (*_generate.PLAIN, *_generate.READ)}
+    assert every == {name for page in _generate.PAGES for name in _generate.marks(page.read_text(encoding="utf-8"))}
     for page in _generate.PAGES:
         text = page.read_text(encoding="utf-8")
         assert _generate.filled(text, made) == text, f"{page.name} is out of date: run python docs/_generate.py"

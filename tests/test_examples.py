@@ -27,7 +27,7 @@ SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: simulations of many balls under many loads, which the documentation runs too
 LONG = {
     "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "hysteresis", "ladder",
-    "paper_figures6_7_8", "paper_figures9_10_11",
+    "paper_figures6_7_8", "paper_figures9_10_11", "several_runs",
     "soft_modes", "spectral_function", "true_directions", "wave_crossing", "work_precision",
 }  # fmt: skip
 

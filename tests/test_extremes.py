@@ -65,7 +65,7 @@ def numbers(value: Any) -> Iterator[float]:
         yield value
 
 
-@settings(max_examples=600)
+@settings(max_examples=300)
 @given(
     decades, decades, decades, poisson, widths, st.sampled_from(["uniform", "normal", "two"]),
     st.sampled_from([gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium]),

@@ -302,7 +302,7 @@ class Hexagon:
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
         """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their size allows."""
         packing, load = self.packing, f"side_force = {side_force:g} N"
-        require_shallow(packing, float(packing.law.overlap(between)) / packing.diameter, load)
+        require_shallow(packing.material.young_modulus, float(packing.law.overlap(between)) / packing.diameter, load)
         depth = 2.0 * (at_wall / self.wall_coefficient) ** (2.0 / 3.0) / packing.diameter
         if not depth < 1.0:
             what = f"{load} presses a ball into its wall by {depth:.4g} times its radius"

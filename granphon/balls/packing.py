@@ -232,15 +232,14 @@ def given_packing(packing: Packing) -> Packing:
     return packing
 
 
-def require_shallow(packing: Packing, overlap: float, load: str) -> None:
+def require_shallow(modulus: float, overlap: float, load: str) -> None:
     """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` is in diameters.
 
-    ``load`` is what the message calls the load.
+    ``load`` is what the message calls the load, and ``modulus`` the least Young modulus of the balls, Pa.
     """
     if not overlap < 1.0:
         what, mend = f"{load} presses the balls together by {overlap:.4g} diameters", "Lower the load"
         why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
-        modulus = packing.material.young_modulus
         if modulus < LEAST_YOUNG_MODULUS:
             why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
             mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"

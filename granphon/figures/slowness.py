@@ -27,7 +27,8 @@ from granphon.base.text import counted
 from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
-from granphon.media.state import ContactState
+from granphon.media.network_state import as_state
+from granphon.media.state import State
 
 Array = NDArray[np.float64]
 #: s/km in s/m: slowness is drawn in s/km, which is ms/m
@@ -45,7 +46,7 @@ _VIEW = View(32.0, 24.0)
 _ACROSS = 0.5
 
 
-def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array, Array]:
+def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
     """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p).
 
     The waves are in the order of ``state.wave_names``. Flexural waves, which have no velocity, are left out.
@@ -55,10 +56,9 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
     InputError : the state has several loads, or the lattice has one period.
     MechanismError : a motion of the lattice costs no energy.
     """
-    lattice, periods = state.packing.structure, state.packing.structure.periods
+    periods = state.reference_lattice.periods
     if periods == 1:
-        what = f"the lattice {lattice.name} has one period"
-        raise InputError(message(what, "Its sound has one direction", "Use sound_velocities"))
+        raise InputError(message(f"the {state.name} has one period", "Its sound has one direction", "Use sound_velocities"))
     if not state.is_single:
         raise InputError(message("the state has several loads", "A slowness surface is that of one load", "Use state[0]"))
     # a flexural wave is the last
@@ -67,13 +67,13 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
         raise InputError(message("these balls move across the plane only", "Their long waves are flexural: no velocity"))
     velocities, polarisations = state.polarised_waves(directions)
     slowness, polarisations = 1.0 / (velocities[:, :waves] * _UNIT), polarisations[:, :, :waves]
-    axes = state.packing.ball_motions.translations
+    axes = state.reference_lattice.motions.translations
     inside = [place for place, axis in enumerate(axes) if axis < periods]
     toward = directions[:, [axes[place] for place in inside]]
     return slowness, np.einsum("nu,nub->nb", toward, polarisations[:, inside]) ** 2, polarisations
 
 
-def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True) -> Axes:
+def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True) -> Axes:
     """Draw the slowness of sound over the directions of a plane, coloured by the longitudinal part of the polarisation.
 
     In the cut through a crystal in space, waves polarised across the cut are dashed. Flexural waves have no velocity and are
@@ -81,7 +81,8 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
 
     Parameters
     ----------
-    state : the state of the contacts, at one load; its lattice has two or three periods.
+    state : the state of the contacts, at one load, or a sample or network as in :func:`~granphon.sound_velocities`; it has
+        two or three periods.
     plane : (2, 3) two Cartesian directions that span the cut, the first to the right; the second is turned so that it is
         perpendicular to the first. By default x and y.
     colorbar : whether to draw the colour bar, above the axes.
@@ -91,7 +92,8 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
     InputError : several loads, one period, or a ``plane`` that is not two different directions.
     MechanismError : a motion of the lattice costs no energy.
     """
-    periods = state.packing.structure.periods
+    found = as_state(state)
+    periods = found.reference_lattice.periods
     if periods == 2 and plane is not None:
         raise InputError(message("the lattice is a plane", "It has no other cut", "Leave plane out"))
     try:
@@ -106,7 +108,7 @@ def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = No
     # between the directions of high symmetry, in which the polarisations of transverse waves are any
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    slowness, along, polarisations = _find_slowness(state, circle if periods == 2 else circle @ span)
+    slowness, along, polarisations = _find_slowness(found, circle if periods == 2 else circle @ span)
     across = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2 if periods == 3 else np.zeros_like(along)
     order = connect_branches(polarisations)
     slowness, along, across = (np.take_along_axis(values, order, 1) for values in (slowness, along, across))
@@ -147,7 +149,7 @@ def _name_direction(way: Array) -> str:
     return re.sub(r"(?<![\d.])1(?=[xyz])", "", "".join(terms)).removeprefix("+").replace("-", "−")
 
 
-def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = None, colorbar: bool = True) -> Axes:
+def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, colorbar: bool = True) -> Axes:
     """Draw the three slowness surfaces of a crystal in space, coloured by the longitudinal part of the polarisation.
 
     The octant that faces the viewer is taken from the two outer surfaces, those of the slower waves, so that the inner ones
@@ -155,7 +157,7 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
 
     Parameters
     ----------
-    state : the state of the contacts, at one load; its lattice has three periods.
+    state : as in :func:`plot_slowness`, with three periods.
     view : the direction from which the surfaces are seen; by default the octant of positive x, y and z is cut.
     colorbar : whether to draw the colour bar, above the axes.
 
@@ -164,16 +166,16 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
     InputError : several loads, or fewer than three periods.
     MechanismError : a motion of the lattice costs no energy.
     """
-    lattice = state.packing.structure
-    if lattice.periods != 3:
-        what = f"the lattice {lattice.name} has {counted(lattice.periods, 'period')}"
+    found = as_state(state)
+    if (periods := found.reference_lattice.periods) != 3:
+        what = f"the {found.name} has {counted(periods, 'period')}"
         raise InputError(message(what, "Surfaces belong to three", "Use plot_slowness"))
     view = _VIEW if view is None else view
     # the edges of the octant that is taken out are lines of this mesh
     polar, azimuth = np.linspace(0.0, np.pi, _SURFACE + 1), np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
     theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
     ways = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-    slowness, along, _ = _find_slowness(state, ways.reshape(-1, 3))
+    slowness, along, _ = _find_slowness(found, ways.reshape(-1, 3))
     slowness, along = slowness.reshape(*theta.shape, 3), along.reshape(*theta.shape, 3)
     painter, facing = Painter(view), np.where(view.axes[2] >= 0.0, 1.0, -1.0)
     light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
@@ -223,12 +225,12 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
     return ax
 
 
-def slowness_figure(state: ContactState, *, title: str | None = None) -> Figure:
+def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
     """Draw a figure of slowness, one column wide: in the plane its curves; in space its surfaces, and two cuts beneath them.
 
     The cuts are spanned by x and y, and by (1, 1, 0) and z. Raises as :func:`plot_slowness`.
     """
-    space = state.packing.structure.periods == 3
+    space = as_state(state).reference_lattice.periods == 3
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 5.0 if space else 3.6), dpi=DPI, layout="constrained")
         if space:

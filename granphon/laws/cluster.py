@@ -24,7 +24,7 @@ from granphon.balls.lattices import Lattice
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.threads import single_products
-from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
+from granphon.dynamics.cluster_response import cluster_response
 from granphon.laws.cluster_balance import Balance, ClusterBalance, PointSource
 from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, TERMS, CurveLaw, Series
@@ -111,24 +111,21 @@ class ClusterLaw(CurveLaw):
 
 
 @lru_cache(maxsize=16)
-def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: int, bending: float = 0.0) -> ClusterCurve:
-    """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached."""
-    response = cluster_response(lattice, mindlin_ratio, balls, bending)
-    # a realisation of a larger cluster takes more time, and says more
-    share = 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))
-    if share == 1:
-        return solve_cluster(response, shape, _POINTS, _SCRAMBLES)
-    return solve_cluster(response, shape, _POINTS // 2, max(1, _SCRAMBLES // share))
-
-
 @single_products()
-def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambles: int, seed: int = 0) -> ClusterCurve:
-    """Solve the cluster medium with ``points`` realisations in equilibrium, a power of two, in each of ``scrambles`` sets.
+def cluster_curve(
+    shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: int, bending: float = 0.0, seed: int = 0
+) -> ClusterCurve:
+    """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached.
 
-    Solutions of seeds that are ``scrambles`` or more apart share no realisation.
+    Solutions of seeds that are 8 or more apart share no realisation.
 
     Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
+    response = cluster_response(lattice, mindlin_ratio, balls, bending)
+    points, scrambles = _POINTS, _SCRAMBLES
+    # a realisation of a larger cluster takes more time, and says more
+    if (larger := 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))) > 1:
+        points, scrambles = points // 2, max(1, scrambles // larger)
     # the series at high load begins here, in widths W
     top = max(2.0, 2.5 * max(map(abs, shape.bounds)))
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
@@ -170,7 +167,36 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
         overlaps[np.argmin(np.abs(overlaps[:-1]))] = 0.0  # that of touching balls is one of them
     for y in overlaps.tolist():
         near.append(balance.step(near[-1], y))
-    return ClusterCurve.fit(far, _refine(near, ClusterDescent(balance, shape, seed), offset), offset, second)
+    near = _refine(near, ClusterDescent(balance, shape, seed), offset)
+    # the series at high load: orders three to nine of f/y^(3/2) in 1/y, relative to equal balls, over the second
+    y, force, k = np.array([(one.y, one.force, one.stiffness) for one in far]).T
+    start, known, orders = float(y[-1]), 0.375 * second / y**2, np.arange(3, 10)
+    powers = (start / y[:, None]) ** orders
+    goal = [force / y**1.5 - 1.0 - known, k / (1.5 * y**0.5) - 1.0 + known / 3.0]
+    mean = np.zeros(TERMS)
+    mean[0], mean[2] = 1.0, 0.375 * second / start**2
+    rows = [powers, (1.0 - orders / 1.5) * powers]
+    mean[orders] = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
+    series = Series(read_only(mean), start, start, np.zeros((TERMS, 1)), np.ones(1))
+    # the polynomial below it, fitted to f and k
+    y, force, k, errors = np.array([(one.y, one.force, one.stiffness, one.error) for one in near]).T
+    root = np.cbrt(force)
+    basis, slopes, bends = _make_basis(y, start, offset)
+    # forces that are known well, against the 2e-5 that a polynomial is off, weigh more; by the root only, so that others
+    # still hold the curve at low load. Stiffnesses weigh less, as their quadrature error is larger
+    weight, steep = np.sqrt(2e-5 / np.hypot(2e-5, errors)) / root**2, 0.01 * root / k
+    # c = f^(2/3) - y, and at the top its value and first two derivatives are those of the series, which weigh most
+    f0, f1, f2 = (series.value(start, order) for order in (FORCE, STIFFNESS, SLOPE))
+    third = np.cbrt(f0)
+    joins = [third**2 - start, 2.0 / 3.0 * f1 / third - 1.0, 2.0 / 3.0 * (f2 - f1**2 / (3.0 * f0)) / third]
+    rows = [weight[:, None] * basis, steep[:, None] * slopes, 100.0 * np.stack([basis[0], slopes[0], bends[0]])]
+    goal = [weight * (root**2 - y), steep * (2.0 / 3.0 * k / root - 1.0), 100.0 * np.array(joins)]
+    coefficients = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
+    # what the polynomial is off, relative to f, is an error of the law as well
+    off = 1.5 * (basis @ coefficients - (root**2 - y)) / root**2
+    errors = np.hypot(errors, off)
+    tables = (y, errors, *([getattr(one, name) for one in near] for name in ("fluctuation", "contacts")))
+    return ClusterCurve(offset, read_only(coefficients), series, *(read_only(np.array(table)[::-1]) for table in tables))
 
 
 def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
@@ -249,38 +275,6 @@ class ClusterCurve:
     errors: Array
     fluctuations: Array
     contacts: Array
-
-    @classmethod
-    def fit(cls, high: list[Balance], low: list[Balance], offset: float, second: float) -> ClusterCurve:
-        """Fit the series to solutions at high load, and the polynomial to those below, in descending order of y."""
-        # the orders from the third to the ninth of f/y^(3/2) as a series in 1/y, relative to equal balls, over the second
-        y, force, k = np.array([(one.y, one.force, one.stiffness) for one in high]).T
-        start, known, orders = float(y[-1]), 0.375 * second / y**2, np.arange(3, 10)
-        powers = (start / y[:, None]) ** orders
-        goal = [force / y**1.5 - 1.0 - known, k / (1.5 * y**0.5) - 1.0 + known / 3.0]
-        mean = np.zeros(TERMS)
-        mean[0], mean[2] = 1.0, 0.375 * second / start**2
-        rows = [powers, (1.0 - orders / 1.5) * powers]
-        mean[orders] = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
-        far = Series(read_only(mean), start, start, np.zeros((TERMS, 1)), np.ones(1))
-        y, force, k, errors = np.array([(one.y, one.force, one.stiffness, one.error) for one in low]).T
-        root = np.cbrt(force)
-        basis, slopes, bends = _make_basis(y, start, offset)
-        # forces that are known well, against the 2e-5 that a polynomial is off, weigh more; by the root only, so that others
-        # still hold the curve at low load. Stiffnesses weigh less, as their quadrature error is larger
-        weight, steep = np.sqrt(2e-5 / np.hypot(2e-5, errors)) / root**2, 0.01 * root / k
-        # c = f^(2/3) - y, and at the top its value and first two derivatives are those of the series, which weigh most
-        f0, f1, f2 = (far.value(start, order) for order in (FORCE, STIFFNESS, SLOPE))
-        third = np.cbrt(f0)
-        joins = [third**2 - start, 2.0 / 3.0 * f1 / third - 1.0, 2.0 / 3.0 * (f2 - f1**2 / (3.0 * f0)) / third]
-        rows = [weight[:, None] * basis, steep[:, None] * slopes, 100.0 * np.stack([basis[0], slopes[0], bends[0]])]
-        goal = [weight * (root**2 - y), steep * (2.0 / 3.0 * k / root - 1.0), 100.0 * np.array(joins)]
-        coefficients = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
-        # what the polynomial is off, relative to f, is an error of the law as well
-        off = 1.5 * (basis @ coefficients - (root**2 - y)) / root**2
-        errors = np.hypot(errors, off)
-        tables = (y, errors, *([getattr(one, name) for one in low] for name in ("fluctuation", "contacts")))
-        return cls(offset, read_only(coefficients), far, *(read_only(np.array(table)[::-1]) for table in tables))
 
     @cached_property
     def start(self) -> float:

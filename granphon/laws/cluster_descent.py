@@ -86,7 +86,8 @@ class ClusterDescent:
 
     def evaluate_first(self, found: Balance, steps: tuple[int, ...] = (_MIDDLE, _LONG)) -> Array:
         """Return means (len(steps), sets, 7) of a survey after so many steps: of a few sets, the same for all solutions."""
-        return np.stack(share_out(lambda one: self._find_means(found, found.effective, *one, steps), self._first), axis=1)
+        means = share_out(lambda one: self._evaluate(found, found.effective, one, steps).mean(axis=1), self._first)
+        return np.stack(means, axis=1)
 
     def survey(self, found: Sequence[Balance], counts: Sequence[int], start: int) -> Array:
         """Return means (sets, n, 4) of n solutions after a middle descent, of sets of points from the ``start`` on.
@@ -99,7 +100,7 @@ class ClusterDescent:
             means = np.zeros((len(found), 4))
             for row, one, count in zip(means, found, counts, strict=True):
                 if number < count:
-                    row[:] = self._find_means(one, one.effective, *points, (_MIDDLE,))[0, :4]
+                    row[:] = np.mean(self._evaluate(one, one.effective, points, (_MIDDLE,))[0, :, :4], axis=0)
             return means
 
         return np.array(share_out(evaluate, range(start, max(counts)))).reshape(-1, len(found), 4)
@@ -113,7 +114,7 @@ class ClusterDescent:
         square, and the part of the contacts that carry force.
         """
         bound = goal * found.force
-        few = self._evaluate(found, found.effective, *self._few, (_LONG,))[0]
+        few = self._evaluate(found, found.effective, self._few, (_LONG,))[0]
         # a realisation and its antithetic one are no two, but all else that the points do for the few is not counted
         pairs = np.mean((found.realisations - few[:, 0]).reshape(-1, 2, self._half), axis=1).ravel()
         variance = float(np.var(pairs, ddof=1)) / pairs.size
@@ -144,7 +145,8 @@ class ClusterDescent:
         """
 
         def draw(place: int) -> Array:
-            return self._find_means(found, now, *self._source.draw([[self._seed, *number, place]], points)[0], steps)
+            (some,) = self._source.draw([[self._seed, *number, place]], points)
+            return np.asarray(np.mean(self._evaluate(found, now, some, steps), axis=1))
 
         sets = [] if known is None else list(known.swapaxes(0, 1))
         wanted = _LEAST_SETS
@@ -157,17 +159,14 @@ class ClusterDescent:
             # with some left for the next estimate: this one is not exact
             wanted = min(max(len(sets) + 4, math.ceil(_NEXT * over * len(sets))), MOST_SETS)
 
-    def _find_means(self, found: Balance, now: Array, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
-        """Return the means (len(steps), 7) of a set of points."""
-        return np.asarray(np.mean(self._evaluate(found, now, misfits, pushes, steps), axis=1))
-
-    def _evaluate(self, found: Balance, now: Array, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
+    def _evaluate(self, found: Balance, now: Array, points: tuple[Single, Single], steps: tuple[int, ...]) -> Array:
         """Return for each realisation (len(steps), n, 7), after so many steps, what the solution has means of.
 
         First is the force on the ball in the middle less what the conditions miss, as their ``influence`` says; then that
         force alone, its square, the part of its contacts that carry force, and the three that the conditions miss.
         """
         y, (f, kappa, tau) = found.y, now.tolist()
+        misfits, pushes = points
         n_c = len(self._weights)
         size = max(1, _AT_ONCE // n_c)
         rows = np.empty((len(steps), len(misfits), 7))

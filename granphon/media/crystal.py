@@ -27,7 +27,7 @@ from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, req
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.balls.packing import MINDLIN, read_rolling
+from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
@@ -866,6 +866,9 @@ class Crystal:
         force = np.array([springs.force(one) for one in overlap])
         stiffness = np.array([springs.stiffness(one) for one in overlap])
         normal = np.array([rest.normal for rest, _ in found])
+        deep = np.max(overlap / frame.distance, axis=1)
+        modulus = min(ball.material.young_modulus for ball in self.kinds)
+        require_shallow(modulus, float(np.max(deep)), found[int(np.argmax(deep))][1].words)
 
         fields = zip(_PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True)
         shaped: dict[str, Any] = {name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in fields}

@@ -90,7 +90,8 @@ class LawMedium(MediumBase[ContactState]):
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
         if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
             raise InputError(message(f"{load.describe(periods)} is too small or too large for double precision"))
-        require_shallow(self.packing, float(np.max(overlap / diameter)), load.describe(periods))
+        modulus = self.packing.material.young_modulus
+        require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))
         return ContactState(
             packing=self.packing, medium=self.name, law=law, force=force[()], overlap=overlap[()],
             normal_stiffness=stiffness[()], finite_overlap=follows,

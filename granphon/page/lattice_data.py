@@ -12,8 +12,8 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import push_rows
-from granphon.phonons.paths import BandPath
+from granphon.dynamics.rows import Row, contact_rows, push_rows
+from granphon.phonons.paths import BandPath, default_letters, special_points
 from granphon.phonons.zones import zone_faces, zone_polygon
 
 Array = NDArray[np.float64]
@@ -29,8 +29,61 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     """
     structure = packing.structure
     whole = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
-    table, p = whole.contacts, structure.periods
-    reciprocal = whole.reciprocal
+    return {
+        **_describe_cell(whole, structure.name, path),
+        "gyration": float(whole.gyration[0]),
+        "rows": [_describe_row(row) for row in (*whole.rows, *push_rows(whole.contacts.normal, ALL))],
+        "motions": [_describe_motions(structure, motions) for motions in allowed_motions(structure.dimension).values()],
+    }
+
+
+def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
+    """Return what a page needs of the lattice of a network, as :func:`describe_lattice` does.
+
+    Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of one for each kind; balls have
+    ``masses`` and radii of gyration of their own. ``complex`` says that the rows of a single ball are not real.
+    """
+    from ase.dft.kpoints import parse_path_string
+
+    table, motions, p = lattice.contacts, lattice.named_motions, lattice.periods
+    vectors, repeats = lattice.cell[:, :p], (True,) * p
+    known = special_points(vectors, repeats)
+    pieces = [list(piece) for piece in parse_path_string(default_letters(vectors, repeats))]
+    points: Any = [[known[letter].tolist() for letter in piece] for piece in pieces]
+    path = BandPath(points, tuple(itertools.chain.from_iterable(pieces)))
+    gyration = np.append(lattice.gyration, 1.0)  # the last of a body that does not move
+    ratios = {"slip": lattice.mindlin_ratio, "twist": lattice.torsion, "roll": lattice.bending}
+    rows = contact_rows(
+        table.normal, table.arm_i, table.arm_j, ALL, **ratios, gyration_i=gyration[table.i], gyration_j=gyration[table.j]
+    )
+    weights = [(row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness) for row in rows]
+    if lattice.is_prestressed:
+        weights += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
+    mechanism = "Bodies that do not move hold the balls" if lattice.is_held else lattice.mechanism
+    statement = {
+        "rotate": lattice.motions.rotate, "free": lattice.free_branches, "warnings": list(lattice.free_branch_warnings),
+        "mechanism": mechanism,
+    }  # fmt: skip
+    return {
+        **_describe_cell(lattice, name, path),
+        "gyration": lattice.gyration.tolist(), "masses": lattice.masses.tolist(),
+        "complex": np.iscomplexobj(lattice.compatibility(np.zeros((1, p)))),
+        "rows": [{**_describe_row(row), "weights": weight.tolist()} for row, weight in weights],
+        "motions": [{
+            "name": motions.name, "translations": list(motions.translations), "rotations": list(motions.rotations),
+            "twist": motions.twist, "waves": list(lattice.wave_names),
+            "statements": {"".join(str(int(np.any(one))) for one in ratios.values()): statement},
+        }],
+    }  # fmt: skip
+
+
+def _describe_row(row: Row) -> dict[str, Any]:
+    return {"kind": row.kind, "head": row.head.tolist(), "tail": row.tail.tolist()}
+
+
+def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[str, Any]:
+    """Return the cell, its balls and contacts, the path and the zone."""
+    table, p, reciprocal = lattice.contacts, lattice.periods, lattice.reciprocal
     labels, pieces = list(path.labels or ()), []
     for points in path.arrays:
         names = [labels.pop(0) for _ in points] if path.labels else [" ".join(f"{x:.3g}" for x in q) for q in points]
@@ -40,25 +93,13 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     else:  # one, in the plane
         faces = [_pad(zone_polygon(reciprocal) if p == 2 else np.array([[-0.5], [0.5]]) * reciprocal[0]).tolist()]
     return {
-        "name": structure.name,
-        "periods": p,
-        "dimension": structure.dimension,
-        "cell": _pad(structure.vectors).tolist(),
-        "reciprocal": _pad(reciprocal).tolist(),
-        "measure": structure.measure,
-        "positions": _pad(structure.positions).tolist(),
+        "name": name, "periods": p, "dimension": lattice.dimension, "cell": _pad(lattice.cell).tolist(),
+        "reciprocal": _pad(reciprocal).tolist(), "measure": lattice.measure, "positions": _pad(lattice.positions).tolist(),
         "contacts": {
             "i": table.i.tolist(), "j": table.j.tolist(), "shift": table.shift.tolist(),
             "vector": _pad(table.vector).tolist(),
         },
-        "gyration": float(whole.gyration[0]),
-        "rows": [
-            {"kind": row.kind, "head": row.head.tolist(), "tail": row.tail.tolist()}
-            for row in (*whole.rows, *push_rows(table.normal, ALL))
-        ],
-        "motions": [_describe_motions(structure, motions) for motions in allowed_motions(structure.dimension).values()],
-        "path": pieces,
-        "zone": faces,
+        "path": pieces, "zone": faces,
     }  # fmt: skip
 
 

@@ -12,10 +12,14 @@ from granphon.balls.diameters import Uniform
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import InputError, MechanismError, message
+from granphon.base.scales import write_quantity
 from granphon.media.choice import MediumChoice
+from granphon.media.network_state import NetworkState
+from granphon.networks.network import given_network
+from granphon.observables.validity import find_warnings
 from granphon.page.bundle import fill_template
-from granphon.page.lattice_data import describe_lattice
+from granphon.page.lattice_data import describe_lattice, describe_network
 from granphon.page.medium_tables import WORDS, tabulate_medium
 from granphon.phonons.paths import BandPath
 
@@ -25,15 +29,66 @@ PAGE_SCHEMA = 1
 _BELOW, _ABOVE, _MOST_OVERLAP = 1e-2, 1e2, 0.05
 #: f* of the first load at the largest width of the slider
 _LEAST_REDUCED = 0.1
+#: most branches of the page of a network
+_MOST_BRANCHES = 100
 #: sliders of torsion and bending go to this stiffness, over k d^2
 _MOST_ROLLING = 0.2
 
 
 def make_page(
-    packing: Packing, media: Sequence[MediumChoice], load: Load, *, title: str = "granphon", **options: Any
+    source: Any, media: Sequence[MediumChoice] = (), load: Load | None = None, *, title: str = "granphon", **options: Any
 ) -> str:
-    """Return the text of the page, HTML; ``options``, and what is raised, are those of :func:`describe_page`."""
-    return fill_template(describe_page(packing, media, load, **options), title)
+    """Return the text of the page, HTML, of a packing under load, or of a state of a crystal, a sample or a network.
+
+    ``options``, and what is raised, are those of :func:`describe_page` for a packing, and of
+    :func:`describe_network_page` for others, which have no ``media`` and no ``load`` to choose.
+    """
+    if load is None:
+        return fill_template(describe_network_page(source, **options), title)
+    return fill_template(describe_page(source, media, load, **options), title)
+
+
+def describe_network_page(
+    source: Any, *, direction: Sequence[float] | None = None, remarks: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return all that the page of a network computes from; it has no sliders but those of the mode.
+
+    Parameters
+    ----------
+    source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
+    direction : of sound, (p,); x by default.
+    remarks : sentences that the page shows, after what is doubtful about the network.
+
+    Raises
+    ------
+    InputError : there is no network, it repeats nowhere, or it has more branches than a browser can compute.
+    """
+    state = NetworkState(given_network(source), getattr(source, "warnings", None))
+    lattice, network, scales, p = state.contact_lattice(), state.network, state.scales, state.contact_lattice().periods
+    if lattice.n_branches > _MOST_BRANCHES:
+        why = f"A browser computes up to {_MOST_BRANCHES} while it is looked at"
+        raise InputError(message(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons"))
+    ratios = {"eta": lattice.mindlin_ratio, "torsion": lattice.torsion, "bending": lattice.bending}
+    fixed = {name: float(np.any(one)) for name, one in ratios.items()}
+    along = as_direction((1.0, 0.0, 0.0)[:p] if direction is None else direction, p)
+    force = network.normal_force[network.normal_force > 0.0]
+    facts = [
+        ["Balls that move, of the cell", str(lattice.n_balls)], ["Contacts", str(len(lattice.contacts))],
+        ["Mean diameter", write_quantity(scales.length, "m")], ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
+        ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
+        *([["Mean force of a contact", write_quantity(float(force.mean()), "N")]] if force.size else []),
+    ]  # fmt: skip
+    return {
+        "schema": PAGE_SCHEMA, "lattice": describe_network(lattice, "network"),
+        "balls": {"diameter": scales.length, "mass": scales.mass, "stiffness": scales.stiffness},
+        "fixed": {**fixed, "spacing": 1.0, "push": float(lattice.is_prestressed)}, "facts": facts,
+        "units": {"modulus": "N" if p == 1 else "Pa"}, "media": [{"name": "network", "words": "network", "valid": 0.0}],
+        "limits": {"force": [0.5, 2.0], "width": 0.0, "eta": 1.0, "rolling": 1.0}, "direction": along.tolist(),
+        "start": {
+            "force": 1.0, "width": 0.0, **fixed, "mindlin": False, "overlap": False, "motions": lattice.named_motions.name,
+        },
+        "remarks": [*find_warnings(state), *remarks],
+    }  # fmt: skip
 
 
 def describe_page(

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
 from granphon.base.staging import LIST, LOCK, NEW, PREFIX, ResultFiles, read_written_files, write_bytes, write_text
+from tests.conftest import without_rights
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -228,7 +229,7 @@ def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
     assert (tree(tmp_path), list(read_written_files(tmp_path))) == ({"a": "new"}, ["a"])
 
 
-def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "summary").mkdir()
     for folder, found in ((tmp_path / "file", "not a folder"), (tmp_path / "file" / "x", "not a folder")):
@@ -238,8 +239,7 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
         ResultFiles(tmp_path, ["summary"], force=True).require_free()
     with pytest.raises(OutputError, match="null"):
         ResultFiles(tmp_path / "a\0b", ["a"]).require_free()
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(OutputError, match="there is no permission to write to"):
+    with without_rights(tmp_path), pytest.raises(OutputError, match="there is no permission to write to"):
         ResultFiles(tmp_path / "new", ["a"]).require_free()
 
 
@@ -287,11 +287,9 @@ def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
         assert set(found) == {"a", "b"}
 
 
-def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: int) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", refuse)
+@pytest.mark.usefixtures("no_locks")
+@pytest.mark.parametrize("no_locks", ["flock"], indirect=True)
+def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path) -> None:
     put(tmp_path, a="a")
     assert tree(tmp_path)["a"] == "a"
 

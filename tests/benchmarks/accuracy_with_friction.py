@@ -4,8 +4,8 @@
 
 It goes with ``accuracy.py``, and measures the same errors of the same media, on the lattices of :data:`SCOPES`. The truth
 is another: ``gp.DirectSimulation(..., friction_history=True)``, loaded with some friction coefficient from rest without
-friction at a* = 1/2, with one of the three responses to sound. On the triangular lattice its contacts have their true
-directions, at one W/d, and media the terms of finite overlap that go with them. Besides the media there is the simulation
+friction at a* = 1/2, with one of the three responses to sound. Its contacts have their true directions, at one W/d, and
+media the terms of finite overlap that go with them. Besides the media there is the simulation
 of the same samples at rest without friction: its error is what the friction in the statics does. Without an option the
 script measures the errors again (``--write`` puts them into ``granphon/data/accuracy.json``), and then tries them on cases
 that were held back (``--held-back`` does this alone). ``--keep`` keeps what was measured of each distribution and eta in a
@@ -87,7 +87,6 @@ class Scope(NamedTuple):
     true_side, true_samples : the same of the truth of cases that are held back.
     tried : least and greatest f* of these cases.
     largest : the largest side of a simulation that is tried there: the truth has many times more balls.
-    geometry : of the samples of the table; what the lattice's leaves out is added. Cases that are held back are exact.
     """
 
     forces: tuple[float, ...]
@@ -100,19 +99,18 @@ class Scope(NamedTuple):
     true_samples: int
     tried: tuple[float, float]
     largest: int
-    geometry: str
 
 
 SCOPES = {
     "triangular": Scope(
         three_digits(np.geomspace(0.035, 10.0, 18)), three_digits(np.geomspace(0.55, 5.0, 20)),
-        (), SHEAR_RESPONSES, 32, 4, 40, 4, (0.045, 8.0), 32, "exact",
+        (), SHEAR_RESPONSES, 32, 4, 40, 4, (0.045, 8.0), 32,
     ),
     # above f* = 3 errors fall as powers of the load, for which its end is enough. With partial slip, a sample that is loaded
     # in one go differs from one on a path of loads, in shorter steps, by more than its chance, which in space is small
     "fcc": Scope(
         three_digits([*np.geomspace(0.05, 3.0, 10), 10.0]), three_digits([*np.geomspace(0.57, 2.5, 11), 5.0]),
-        ("three kinds, 0.2 in the middle",), ("slide", "stick"), 10, 4, 10, 4, (0.06, 8.0), 8, "lattice",
+        ("three kinds, 0.2 in the middle",), ("slide", "stick"), 10, 4, 10, 4, (0.06, 8.0), 8,
     ),
 }  # fmt: skip
 
@@ -127,12 +125,12 @@ class LoadedReference(ReferenceModel):
 
     def __init__(
         self, lattice: str, spread: Spread, poisson_ratio: float, mu: float, forces: Sequence[float], shape: tuple[int, ...],
-        seed: int, samples: int, geometry: str = "exact",
+        seed: int, samples: int,
     ) -> None:  # fmt: skip
         self.lattice, self.spread, self.forces = lattice, spread, np.array(forces)
         self.balls = packing(spread, poisson_ratio, lattice)
         self.simulation = gp.DirectSimulation(
-            self.balls, shape, seed, samples, friction_history=True, friction_coefficient=mu, geometry=geometry
+            self.balls, shape, seed, samples, friction_history=True, friction_coefficient=mu, geometry="exact"
         )
         self.state = self.simulation.at_force(self.forces * unit(self.balls))
         self.pressed = self.state.samples
@@ -166,11 +164,10 @@ def measured(
     for place in places:
         ratio = POISSON_RATIOS[place]
         balls = packing(spread, ratio, lattice)
-        geometry = SCOPES[lattice].geometry
-        rest = gp.DirectSimulation(balls, shape, 10_000, samples, geometry=geometry)
+        rest = gp.DirectSimulation(balls, shape, 10_000, samples, geometry="exact")
         at_force = rest.at_force(np.array(forces) * unit(balls))
         for mu in coefficients:
-            truth = LoadedReference(lattice, spread, ratio, mu, forces, shape, 10_000, samples, geometry)
+            truth = LoadedReference(lattice, spread, ratio, mu, forces, shape, 10_000, samples)
             # the same samples at the spacing that they have with friction
             still = {"force": at_force, "overlap": rest.at_overlap(truth.state.overlap)}
             for response in SCOPES[lattice].responses:
@@ -180,7 +177,7 @@ def measured(
                 for kind, (chance, error) in chances.items():
                     loads = truth.forces if kind == "force" else truth.spacings
                     for name, medium in MEDIA.items():
-                        found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right, geometry == "exact")
+                        found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right, finite_overlap=True)
                         yield (mu, response, place, kind, name), loads, np.max(found + 2.0 * error, axis=1)
                     # most of the chance is that of the diameters, which are the same
                     apart = 0.5 * (squares(still[kind]) - mine) / np.mean(mine, axis=1, keepdims=True)
@@ -234,7 +231,7 @@ def table(lattice: str, found: Mapping[str, list[tuple[Key, Array, Array]]]) -> 
         "made_by": "tests/benchmarks/accuracy_with_friction.py",
         "shape": even_shape(find_lattice(lattice), scope.side),
         "samples": scope.samples,
-        "ratio": WIDTH / DIAMETER if scope.geometry == "exact" else 0.0,
+        "ratio": WIDTH / DIAMETER,
         "distributions": list(found),
         "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
         "mindlin_ratios": [packing(gp.Uniform(2e-6), ratio).mindlin_ratio for ratio in POISSON_RATIOS],

@@ -398,3 +398,17 @@ def test_velocities_of_a_sweep_are_named_beside_the_axes_and_apart(lattice, more
     frame = upper.get_window_extent()
     assert all(frame.x1 < box.x0 and box.x1 <= figure.bbox.x1 for box in boxes)
     assert all(lower.y1 <= higher.y0 for lower, higher in itertools.pairwise(boxes))
+
+
+def test_slowness_and_modes_of_a_network_are_those_of_its_state(ax):
+    state = state_of("square")
+    slowness.plot_slowness(state, ax)
+    own = [collection.get_segments() for collection in ax.collections]
+    ax.clear()
+    slowness.plot_slowness(state.network, ax)
+    for one, other in zip(own, [collection.get_segments() for collection in ax.collections], strict=True):
+        assert_allclose(np.concatenate(other), np.concatenate(one), rtol=1e-12, atol=1e-12)
+    assert isinstance(slowness.slowness_figure(state_of("fcc").network), Figure)
+    ax.clear()
+    plot_mode(gp.Phonons(state.network.repeat((2, 1))), (0.25, 0.0), 1, ax, cells=(2, 2))
+    assert "kHz" in ax.get_title()

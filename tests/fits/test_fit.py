@@ -804,18 +804,6 @@ def test_the_command_never_replaces_what_it_reads(folder, capsys):
     assert ((folder / "fit.csv").read_bytes(), (folder / "fit.yaml").read_text()) == (before, "mine")
 
 
-def test_a_figure_that_fails_leaves_the_fit(folder, capsys, monkeypatch):
-    def fail(*_):
-        raise ValueError("odd")
-
-    monkeypatch.setattr("granphon.figures.fits.fit_figure", fail)
-    assert command("scene.yaml", "data.csv", "-o", "out") == 0
-    out, err = capsys.readouterr()
-    assert "granphon: warning: fit.png could not be drawn: ValueError: odd" in err
-    assert "Wrote fit.yaml, fit.csv into out" in out
-    assert sorted(path.name for path in (folder / "out").iterdir()) == [".granphon-files", "fit.csv", "fit.yaml"]
-
-
 def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     assert sorted(path.name for path in (folder / "out").iterdir()) == [".granphon-files", "fit.csv", "fit.png", "fit.yaml"]

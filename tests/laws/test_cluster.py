@@ -337,7 +337,7 @@ def test_descent_comes_near_the_equilibrium():
         closed = np.maximum(h, 0.0) ** 1.5
         assert np.sqrt(np.mean((after - h)[h > 0.0] ** 2)) < near
         # what the balance is a mean of is the same after the descent, but for a constant
-        after = descent._evaluate(found, found.effective, *descent._few, (steps,))[0]
+        after = descent._evaluate(found, found.effective, descent._few, (steps,))[0]
         assert np.std(found.realisations - after[:, 0]) < 2.0 * near * np.std(closed[:, response.central].mean(axis=1))
         means = [found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
         assert_allclose(after[:, 1:4].mean(axis=0), means, rtol=0.01)
@@ -419,8 +419,7 @@ def test_products_are_held_to_one_thread():
 @pytest.mark.claim("cluster-quadrature")
 def test_curves_that_share_no_point_are_as_far_apart_as_their_errors():
     """At the overlaps where it is solved and at those between."""
-    response = cluster_response(TRIANGULAR, 0.0)
-    curves_of = [curves.solve_cluster(response, FLAT, 128, 8, seed) for seed in (0, 100, 200)]
+    curves_of = [curves.cluster_curve(FLAT, TRIANGULAR, 0.0, 7, seed=seed) for seed in (0, 100, 200)]
     y = np.linspace(-0.05, 1.5, 32)
     force = np.array([curve.value(y, curves.FORCE) for curve in curves_of])
     errors = np.array([np.interp(y, curve.nodes, curve.errors) for curve in curves_of])

@@ -393,6 +393,93 @@ def test_balls_and_cell_are_in_balance_under_any_stress(kinds, shear, side, size
     assert_allclose(overlap, state.overlap, atol=1e-11 * float(np.max(state.overlap)))
 
 
+@pytest.mark.parametrize("depth", [1e-4, 1e-2])
+def test_exact_rest_is_the_minimum_of_the_exact_energy(depth):
+    """In a strained cell, whose balls scipy moves; contacts are found anew from the places of the balls."""
+    crystal = gp.Crystal.on("triangular", [PLAIN]).repeat((3, 2)).replace([0, 4], SOFT)
+    strain = -depth * np.array([[1.0, 0.15], [0.15, 0.8]])
+    state = crystal.at_strain(strain, finite_overlap=True)
+    deformed = np.eye(2) + strain
+    cell, places = crystal.cell @ deformed, crystal.positions @ deformed
+    steps = np.array(list(itertools.product((-1, 0, 1), repeat=2)))
+    law = {(a, b): gp.Hertz().between(a, b) for a in (PLAIN, SOFT) for b in (PLAIN, SOFT)}
+    size, mean = float(np.mean(state.overlap)), float(np.mean(state.normal_force))
+
+    def find(moved):
+        for i, j in itertools.product(range(6), repeat=2):
+            for step in steps:
+                if (i, *step) < (j, *(-step)):
+                    vector = places[j] + moved[j] - places[i] - moved[i] + step @ cell
+                    distance = float(np.linalg.norm(vector))
+                    if distance < 8e-3:
+                        yield (
+                            i,
+                            j,
+                            tuple(step.tolist()),
+                            vector / distance,
+                            law[crystal.balls[i], crystal.balls[j]],
+                            8e-3 - distance,
+                        )
+
+    def energy(x):
+        moved, total, slope = x.reshape(6, 2) * size, 0.0, np.zeros((6, 2))
+        for i, j, _, normal, pair, overlap in find(moved):
+            total += pair.energy(overlap)
+            slope[j] -= pair.force(overlap) * normal
+            slope[i] += pair.force(overlap) * normal
+        return total / (mean * size), slope.ravel() / mean
+
+    found = minimize(energy, np.zeros(12), jac=True, method="BFGS", options={"gtol": 1e-9})
+    forces = {(i, j, step): pair.force(overlap) for i, j, step, _, pair, overlap in find(found.x.reshape(6, 2) * size)}
+    table = crystal.contacts
+    mine = {}
+    for i, j, step, force in zip(
+        table.i.tolist(), table.j.tolist(), map(tuple, table.shift.tolist()), state.normal_force, strict=True
+    ):
+        back = tuple(-one for one in step)
+        mine[(i, j, step) if (i, *step) < (j, *back) else (j, i, back)] = force
+    assert forces.keys() == {key for key, force in mine.items() if force > 0.0}
+    assert_allclose([mine[key] for key in forces], list(forces.values()), atol=1e-6 * mean)
+    assert state.network.prestress
+    assert_allclose(state.network.distance, state.network.arm_i + state.network.arm_j, rtol=1e-12)
+
+
+class Spring:
+    """A user's law: a spring that holds two balls together, and pulls too."""
+
+    def __init__(self, stiffness):
+        self.k = stiffness
+
+    def energy(self, overlap):
+        return 0.5 * self.k * np.asarray(overlap) ** 2
+
+    def force(self, overlap):
+        return self.k * np.asarray(overlap)
+
+    def stiffness(self, overlap):
+        return np.full(np.shape(overlap), self.k)
+
+    def stiffness_slope(self, overlap):
+        return np.zeros(np.shape(overlap))
+
+    def overlap(self, force):
+        return np.asarray(force) / self.k
+
+
+def test_a_resonator_on_each_ball_opens_a_gap():
+    """Along its spring, the gap at q = 0 reaches from k_r/m_r to k_r (1/m + 1/m_r); here its upper end."""
+    small = gp.Ball(STEEL, 4e-3, name="resonator")
+    ball = gp.Ball(PLAIN.material, 8e-3, name="ball")
+    laws = {("ball", "ball"): gp.Hertz(), ("ball", "resonator"): Spring(1e5)}
+    chain = gp.Crystal([ball, small], [[8e-3, 0.0]], [[0.0, 0.0], [0.0, 6e-3]], law=laws, friction=False)
+    state = chain.at_stress(-10.0)
+    assert_allclose(np.sort(state.normal_force), [0.0, 10.0], atol=1e-12)
+    assert state.network.n_contacts == 2
+    wanted = math.sqrt(1e5 * (1 / ball.mass + 1 / small.mass)) / (2 * math.pi)
+    found = gp.Phonons(state).frequencies([[0.0]])[0]
+    assert_allclose(found[-1], wanted, rtol=1e-12)
+
+
 def test_exact_statics_tend_to_those_of_small_overlap():
     crystal = gp.Crystal.on("fcc", [PLAIN]).repeat((2, 1, 2)).replace(1, SOFT)
     stress = np.diag([-1.0, -1.1, -1.2])
@@ -593,6 +680,7 @@ ERRORS = {
     "zero": (lambda: SQUARE.at_pressure(0.0), "pressure is zero"),
     "no force": (lambda: SQUARE.at_force(0.0), "force is zero"),
     "open": (lambda: SQUARE.at_strain([1e-4, 1e-4, 0.0]), "all contacts are open under the strain"),
+    "deep": (lambda: SQUARE.at_pressure(1e12), "presses the balls together by .* diameters. Balls cannot overlap"),
     "pulled": (lambda: SQUARE.at_stress([1e3, 0.0, 0.0]), "cannot bear the stress"),
     "sheared": (lambda: SQUARE.at_stress([-1e3, -1e3, 1.0]), "cannot bear the stress .* Press the crystal from the sides"),
     "skew": (lambda: SQUARE.at_stress([[-1.0, 0.5], [0.0, -1.0]]), "stress is not symmetric"),

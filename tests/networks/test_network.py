@@ -188,7 +188,7 @@ def make(positions, contacts, force=1.0, *, slip=0.0, dimension=2, **more):
     """A network of balls of 1 m radius at some places, which touch along the lines between them."""
     places = np.zeros((len(positions), 3))
     places[:, : np.shape(positions)[1]] = positions
-    i, j = np.array(contacts, int).reshape(-1, 2).T
+    i, j = np.array(list(contacts), int).reshape(-1, 2).T
     vector = places[j] - places[i]
     distance = np.linalg.norm(vector, axis=1)
     n, count = len(places), len(i)

@@ -24,10 +24,12 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.choice import MediumChoice
 from granphon.page.bundle import fill_template, join_modules, read_asset
 from granphon.page.lattice_data import describe_lattice
-from granphon.page.page import describe_page, make_page
+from granphon.page.page import describe_network_page, describe_page, make_page
 from granphon.page.phononwebsite import write_phononwebsite
 from granphon.phonons.paths import BandPath
 from tests.conftest import one_error, only
+from tests.dynamics.test_network_lattice import CASES as NETWORKS
+from tests.dynamics.test_network_lattice import ribbon
 from tests.test_structure import loaded_after
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -149,6 +151,53 @@ def test_the_page_computes_what_the_library_computes(seeds):
     found = run_node(f"console.log(JSON.stringify(({SOLVE})(cases, datas)));", cases=cases, datas=datas)
     for case, one in zip(cases, found, strict=True):
         check_agreement(case, one)
+
+
+@needs_node
+@pytest.mark.parametrize("case", NETWORKS)
+def test_the_page_of_a_network_computes_what_the_library_computes(case):
+    """Frequencies, rotation, motions, velocities and moduli of balls and contacts that differ."""
+    network = NETWORKS[case]()
+    data, lattice = describe_network_page(network), ContactLattice.from_network(network)
+    q = np.random.default_rng(3).uniform(-0.5, 0.5, (4, lattice.periods))
+    one = {"lattice": case, "settings": latticeless(data), "q": q.tolist(), "direction": data["direction"]}
+    program = f"console.log(JSON.stringify([({SOLVE})(cases, datas), cases[0].q.map((q) => {{"
+    program += "const it = makeLattice(datas[cases[0].lattice], cases[0].settings); const modes = solveModes(it, q);"
+    program += "return [...modes.values].map((_, k) => ballMotions(it, modes, k)); })]));"
+    (found,), motions = run_node(program, cases=[one], datas={case: data["lattice"]})
+    values = lattice.frequencies(lattice.wavevectors(q))
+    top = values.max()
+    if lattice.is_prestressed:
+        assert np.abs(np.array(found["squares"]) - values**2).max() <= 1e-12 * top**2
+    else:
+        assert np.abs(np.array(found["values"], float) - values).max() <= 1e-9 * top
+    matrix = lattice.dynamical_matrix(lattice.wavevectors(q))
+    kept = [*lattice.motions.translations, *(3 + axis for axis in lattice.motions.rotations)]
+    for own, moved, squares in zip(matrix, np.array(motions) @ [1.0, 1j], values**2, strict=True):
+        weight = np.sqrt(lattice.masses)[:, None] * np.where(np.arange(6) < 3, 1.0, lattice.gyration[:, None])
+        vectors = (moved * weight)[..., kept].reshape(len(squares), -1).T
+        assert np.abs(own @ vectors - vectors * squares).max() <= 1e-11 * squares.max()
+    assert found["free"] == lattice.is_held
+    if not lattice.is_held:
+        velocities = np.sort(lattice.sound_velocities(data["direction"])[0])
+        assert np.allclose(found["velocities"], velocities, rtol=1e-9, atol=1e-9 * velocities.max())
+        if "longitudinal" in lattice.wave_names:
+            tensor = lattice.elastic_tensor()
+            assert np.abs(np.array(found["tensor"]) - tensor).max() <= 1e-9 * np.abs(tensor).max()
+
+
+def latticeless(data):
+    """The settings of a network's page, as its own function finds them."""
+    return {"motions": data["start"]["motions"], **data["fixed"]}
+
+
+def test_pages_of_networks_too_large_or_without_periods_are_refused():
+    network = gp.AveragedLattice(BALLS).at_force(1.0).network
+    with pytest.raises(InputError, match="the network has 108 branches"):
+        describe_network_page(network.repeat((6, 6)))
+    with pytest.raises(InputError, match="repeats along no axis"):
+        make_page(ribbon(network.repeat((3, 3))))
+    assert "Mean normal stiffness" in make_page(network.repeat((2, 2)))
 
 
 @needs_node

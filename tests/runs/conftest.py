@@ -1,8 +1,6 @@
 """Shared by the tests of runs: a working folder, and disks that are full or keep no locks."""
 
-import errno
 import math
-import os
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -44,17 +42,6 @@ def full_disk(most: int = 0):
         yield
 
 
-@contextmanager
-def without_rights(path: Path, remove: bool = True):
-    """Let nobody write to a file, nor remove it unless ``remove``; root may do both."""
-    access = os.access
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "access", lambda at, mode: Path(at) != path and access(at, mode))
-        if not remove:
-            patch.setattr(os, "unlink", lambda name: (_ for _ in ()).throw(PermissionError()))
-        yield
-
-
 class Meter:
     """Counts what it is told; interrupts when ``stop`` tasks are done."""
 
@@ -86,13 +73,3 @@ class Counted(ThreadPoolExecutor):
         future = super().submit(call, orders, *more)
         future.add_done_callback(lambda done: done.cancelled() or done.exception() or note(done))
         return future
-
-
-@pytest.fixture
-def no_locks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file system that keeps no locks."""
-
-    def refuse(*_):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(pytest.importorskip("fcntl"), "lockf", refuse)

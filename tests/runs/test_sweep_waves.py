@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.media import cost
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
@@ -293,14 +292,14 @@ def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
     assert notes == ["the arrival of the pulse is not known in 1 of 3 samples, and the mean is that of the others: too late"]
 
 
-def test_array_too_large_for_the_memory_is_refused_with_an_estimate(monkeypatch):
+def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monkeypatch):
     text = ALL.replace("[6, 18]", "[3000, 3000]")
     scene = gp.Scene.from_text(text)
     alone = gp.Scene.from_text(text.replace("[dos, spectrum, pulse]", "[velocities]"))
     # 27 million contacts
     assert scene.cost().memory > 1.5e10 > alone.cost().memory
     assert "waves in 9,000,000 balls" in scene.cost().text
-    monkeypatch.setattr(cost, "available_memory", lambda: 1.2e10)
+    memory(1.2e10)
     alone.cost()
     with pytest.raises(gp.GranphonError, match=r"GB.*memory available.*fewer balls"):
         scene.cost()

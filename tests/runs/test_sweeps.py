@@ -41,8 +41,8 @@ from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, decode, encode, read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import packages
-from tests.conftest import only
-from tests.runs.conftest import Counted, Meter, connecting, full_disk, without_rights
+from tests.conftest import only, without_rights
+from tests.runs.conftest import Counted, Meter, connecting, full_disk
 
 FORCES = [18.446, 2.0, 5.0, 2.0]
 LADDER = ("ala", "afa", "ema")
@@ -1154,10 +1154,10 @@ def test_a_store_does_not_grow_by_what_it_replaces(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("name", "most"), [("_PIECE", 100), ("_PIECE", 1056)])
-def test_a_result_of_any_size_is_kept(tmp_path, monkeypatch, name, most):
+@pytest.mark.parametrize("most", [100, 1056])
+def test_a_result_of_any_size_is_kept(tmp_path, monkeypatch, most):
     """Beyond what a value of SQLite may hold."""
-    monkeypatch.setattr(stores, name, most)
+    monkeypatch.setattr(stores, "_PIECE", most)
     store = Store(tmp_path / "parts")
     for length in (1000, 7):
         store.append("a", encode("a", {"x": np.arange(float(length)), "y": np.array(["text"])}))

@@ -768,8 +768,6 @@ def test_fits_that_a_lattice_does_not_have(steel):
         gp.fit_width(gp.Packing(steel, 8e-3, lattice="sc", friction=False), [1.0, 2.0], [500.0, 560.0], direction=(1, 0, 0))
     with pytest.raises(InputError, match="cannot tell young_modulus and diameter apart"):
         fit(parameters=("young_modulus", "diameter"))
-    with pytest.raises(InputError, match="Give one or more, each at most once"):
-        fit(parameters=())
 
 
 def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
@@ -790,19 +788,6 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     Path("data.csv").write_text("pressure (N/m),velocity (m/s)\n1000,500\n2000,560\n")
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0"]) == 2
     assert "force per area" in capsys.readouterr().err
-
-
-def test_equal_balls_in_space_are_fitted_with_the_effective_medium(tmp_path, monkeypatch, capsys, steel):
-    monkeypatch.chdir(tmp_path)
-    packing = gp.Packing(steel, 8e-3, lattice="fcc", spread=gp.Uniform(2e-6))
-    v = gp.sound_velocities(gp.EffectiveMedium(packing).at_force([0.5, 3.0, 30.0]), (1, 0, 0)).longitudinal.tolist()
-    rows = "".join(f"{f},{x!r}\n" for f, x in zip((0.5, 3, 30), v, strict=True))
-    Path("data.csv").write_text(f"force (N),velocity (m/s)\n{rows}")
-    Path("s.yaml").write_text(scene_text("lattice: fcc", rest="direction: [1, 0, 0]"))
-    assert main(["fit", "s.yaml", "data.csv"]) == 0
-    told = capsys.readouterr()
-    assert "the fit takes ema. Name afa or ema in it" in told.err
-    assert "width                 2 um" in told.out
 
 
 def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, steel):

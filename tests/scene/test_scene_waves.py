@@ -207,22 +207,6 @@ def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
     assert seconds(1000, 10) > 1.5 * seconds(100, 1)
 
 
-def test_columns_of_a_map_end_at_the_corners():
-    from granphon.figures.spectra import _find_columns
-
-    corners = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    # a point at a corner belongs to both legs; the leg from 2 to 3 has none
-    edges, owner = _find_columns(np.array([0.25, 0.75, 1.0, 1.5, 3.5]), corners)
-    np.testing.assert_allclose(edges, [0.0, 0.5, 0.875, 1.25, 2.0, 3.0, 4.0])
-    assert owner.tolist() == [0, 1, 2, 3, -1, 4]
-    edges, owner = _find_columns(np.array([2.5]), corners)
-    np.testing.assert_allclose(edges, [0.0, 2.0, 3.0, 4.0])
-    assert owner.tolist() == [-1, 0, -1]
-    edges, owner = _find_columns(np.array([1.0, 4.0]), corners)
-    np.testing.assert_allclose(edges, [0.0, 2.0, 3.0, 4.0])
-    assert owner.tolist() == [0, -1, 1]
-
-
 def test_echo_in_a_scene_is_a_warning(tmp_path):
     scene = gp.Scene.from_text(ARRAY + "observe: [pulse]\npulse: {frequency: 4 kHz, distance: 80 mm}\n")
     result = scene.run(tmp_path / "out", figures=False)

@@ -10,9 +10,9 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.networks.network import ContactNetwork
 from granphon.waves import filtering
 from granphon.waves import modes as mode_finder
+from tests.networks.test_network import make
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -128,16 +128,12 @@ def test_low_frequencies_lose_no_digits():
     assert modes.frequencies[0] == pytest.approx(exact, rel=1e-8)
 
 
-def line(masses, stiffness, ends=False):
+def line(masses, stiffness):
     """Balls on a line, each touching the next."""
     n = len(masses)
-    c, zeros = n - 1, np.zeros(n - 1)
-    return ContactNetwork(
-        cell=np.zeros((3, 3)), pbc=(False, False, False), positions=np.outer(np.arange(n) * 1e-2, [1.0, 0.0, 0.0]),
-        radii=np.full(n, 5e-3), masses=np.array(masses), inertias=np.full(n, 1e-7), i=np.arange(c), j=np.arange(1, n),
-        shift=np.zeros((c, 3)), normal=np.tile([1.0, 0.0, 0.0], (c, 1)), normal_force=zeros,
-        normal_stiffness=np.full(c, stiffness), shear_stiffness=zeros, torsion_stiffness=zeros, bending_stiffness=zeros,
-        arm_i=np.full(c, 5e-3), arm_j=np.full(c, 5e-3), motions="longitudinal", dimension=1,
+    return make(
+        2.0 * np.arange(n)[:, None], zip(range(n - 1), range(1, n), strict=True), 0.0, dimension=1, motions="longitudinal",
+        masses=masses, normal_stiffness=np.broadcast_to(stiffness, n - 1),
     )  # fmt: skip
 
 

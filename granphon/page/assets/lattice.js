@@ -21,7 +21,10 @@ export function makeLattice(data, settings) {
     half: data.contacts.vector.map((vector) => toFractions(data, vector)),
   };
   lattice.branches = lattice.count * lattice.balls;
-  lattice.frame = makeFrame(lattice.balls);
+  lattice.mass = data.masses ? data.masses.reduce((sum, one) => sum + one, 0) : lattice.balls;
+  lattice.motion = makeMotion(lattice.balls, data.masses, lattice.mass);
+  // one ball has real rows, unless something holds it, or its contacts have arms of two lengths
+  lattice.complex = lattice.balls > 1 || data.complex === true;
   const stiffness = { elongation: 1, slip: settings.eta, twist: settings.torsion, roll: settings.bending, push: 1 };
   lattice.deforming = weightRows(lattice, KINDS, stiffness);
   lattice.pushing = settings.push ? weightRows(lattice, ["push"], { push: settings.push }) : null;
@@ -72,13 +75,13 @@ export function ballMotions(lattice, modes, branch) {
     lattice.columns.forEach((axis, m) => {
       for (let b = 0; b < lattice.balls; b++) {
         const [re, im] = vector(b * lattice.count + m);
-        const weight = lattice.frame[ball][b];
+        const weight = lattice.motion[ball][b];
         // rotations are kept divided by i
         motion[axis][0] += weight * (axis < 3 ? re : -im);
         motion[axis][1] += weight * (axis < 3 ? im : re);
       }
     });
-    for (let axis = 3; axis < 6; axis++) motion[axis] = motion[axis].map((one) => one / lattice.data.gyration);
+    for (let axis = 3; axis < 6; axis++) motion[axis] = motion[axis].map((one) => one / (lattice.data.gyration[ball] ?? lattice.data.gyration));
     found.push(motion);
   }
   return found;
@@ -88,6 +91,21 @@ export function ballMotions(lattice, modes, branch) {
 function toFractions(data, vector) {
   return Array.from({ length: data.periods }, (_, a) =>
     data.reciprocal[a].reduce((sum, g, axis) => sum + g * vector[axis], 0) / (2 * Math.PI));
+}
+
+// Motion of each ball [ball][b] in an orthonormal set of mass-weighted motions, the first of which moves all balls alike.
+// Without masses all are one.
+function makeMotion(n, masses, total) {
+  if (!masses) return makeFrame(n);
+  const weights = masses.map((mass) => Math.sqrt(mass / total));
+  // the reflection that carries the first axis to the weights
+  const normal = weights.map((one, ball) => (ball ? 0 : 1) - one);
+  const square = normal.reduce((sum, one) => sum + one * one, 0);
+  return masses.map((mass, ball) => Float64Array.from(masses, (_, b) => {
+    if (b === 0) return 1 / Math.sqrt(total);
+    const reflected = square > 0 ? (2 * normal[ball] * normal[b]) / square : 0;
+    return ((ball === b ? 1 : 0) - reflected) / Math.sqrt(mass);
+  }));
 }
 
 // Orthogonal matrix [ball][b] whose first column moves all balls alike
@@ -105,14 +123,16 @@ function makeFrame(n) {
 // Rows of C(q) of some kinds, times the root of their stiffness: coefficients of the sine and cosine of the half angle.
 // Rotations and rows are divided by i, rows of rotations alone once more: then those of one ball in the cell are real.
 function weightRows(lattice, kinds, stiffness) {
-  const { data, settings, frame, count, balls, branches } = lattice;
+  const { data, settings, motion, count, balls, branches } = lattice;
+  const at = (ball, b) => (ball < balls ? motion[ball][b] : 0); // a body that does not move is none of the balls
   const found = [];
   for (const row of data.rows) {
     const weight = stiffness[row.kind];
     if (!kinds.includes(row.kind) || !(Math.abs(weight) > 0)) continue;
     const ofTurns = row.kind === "twist" || row.kind === "roll";
-    const root = Math.sqrt(Math.abs(weight));
     data.contacts.i.forEach((i, contact) => {
+      const root = Math.sqrt(Math.abs(weight * (row.weights ? row.weights[contact] : 1)));
+      if (!(root > 0)) return;
       const j = data.contacts.j[contact];
       const gap = new Float64Array(branches);
       const total = new Float64Array(branches);
@@ -120,8 +140,8 @@ function weightRows(lattice, kinds, stiffness) {
         // the arm of a slip is half the spacing
         const factor = root * (row.kind === "slip" && axis >= 3 ? settings.spacing : 1);
         for (let b = 0; b < balls; b++) {
-          const head = factor * row.head[contact][axis] * frame[j][b];
-          const tail = factor * row.tail[contact][axis] * frame[i][b];
+          const head = factor * row.head[contact][axis] * at(j, b);
+          const tail = factor * row.tail[contact][axis] * at(i, b);
           gap[b * count + m] = head - tail;
           total[b * count + m] = head + tail;
         }
@@ -138,7 +158,7 @@ function weightRows(lattice, kinds, stiffness) {
 function computeRows(lattice, rows, folded) {
   const m = Math.max(rows.length, 1);
   const n = lattice.branches;
-  const found = zeroMatrix(m, n, lattice.balls > 1);
+  const found = zeroMatrix(m, n, lattice.complex);
   const sines = lattice.half.map((vector) => Math.PI * vector.reduce((sum, one, a) => sum + one * folded[a], 0));
   const cosines = sines.map(Math.cos);
   sines.forEach((angle, c) => (sines[c] = Math.sin(angle)));

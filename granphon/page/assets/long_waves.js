@@ -21,7 +21,7 @@ export function soundVelocities(lattice, direction, stiffness = gradientStiffnes
     for (let k = 0; k < n; k++) {
       for (let j = 0; j < p; j++) {
         for (let l = 0; l < p; l++) {
-          tensor.re[k * n + i] += (stiffness.re[(k * p + l) * n * p + i * p + j] * direction[j] * direction[l]) / lattice.balls;
+          tensor.re[k * n + i] += (stiffness.re[(k * p + l) * n * p + i * p + j] * direction[j] * direction[l]) / lattice.mass;
         }
       }
     }
@@ -191,5 +191,6 @@ function clearAcross(lattice, found) {
 // Sum over the contacts of a cell of the product of two components of their vectors
 function pull(lattice, a, b) {
   const square = lattice.settings.spacing ** 2;
-  return lattice.data.contacts.vector.reduce((sum, vector) => sum + vector[a] * vector[b] * square, 0);
+  const weights = lattice.data.rows.find((row) => row.kind === "push")?.weights;
+  return lattice.data.contacts.vector.reduce((sum, vector, c) => sum + vector[a] * vector[b] * square * (weights ? weights[c] : 1), 0);
 }

@@ -90,8 +90,8 @@ function settle() {
   current.selected = { point: nearestPoint(current.path), branch: state.branch };
   bandsView.draw(current, true);
   drawMode();
-  drawVelocities(byId("velocities"), followSound(data, state), state.force, sound.map(([, value]) => value));
-  byId("spoken").textContent = `Force ${printQuantity(state.force, "N")}. Top frequency ${printNumber(top * unit.scale)} ${unit.name}. ` +
+  if (!data.fixed) drawVelocities(byId("velocities"), followSound(data, state), state.force, sound.map(([, value]) => value));
+  byId("spoken").textContent = `${data.fixed ? "" : `Force ${printQuantity(state.force, "N")}. `}Top frequency ${printNumber(top * unit.scale)} ${unit.name}. ` +
     sound.map(([name, value]) => `${name} ${printVelocity(value)}`).join(". ") +
     `. ${byId("mode-words").textContent}`;
   cancelStates = gatherStates(lattice, top, (dos) => {
@@ -179,6 +179,15 @@ function printPlace(place) {
 }
 
 function showControls(lattice) {
+  if (data.fixed) { // there is nothing to set but the mode
+    for (const [name, control] of Object.entries(controls)) {
+      control.show(state[name]);
+      control.field.hidden = !["place", "branch"].includes(name);
+    }
+    byId("legend").hidden = !lattice.rotations.length;
+    byId("velocities").hidden = true;
+    return;
+  }
   for (const [name, control] of Object.entries(controls)) control.show(state[name]);
   const known = data.lattice.motions.find((one) => one.name === state.motions);
   const medium = data.media[state.medium];

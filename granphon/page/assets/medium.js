@@ -3,6 +3,7 @@
 // Overlap (m), stiffness k (N/m), exponent of the velocity, at a force (N), a width (m) and eta; `problem` says, in words, why
 // there is no such state. `data` is that of the page, `medium` one of its media.
 export function findContact(data, medium, force, width, eta) {
+  if (data.fixed) return { stiffness: data.balls.stiffness, reduced: Infinity, problem: "" }; // a network is as it is
   const c = data.balls.coefficient;
   const delta = (force / c) ** (2 / 3);
   const equal = { overlap: delta, stiffness: 1.5 * c * Math.sqrt(delta), exponent: 1 / 6, reduced: Infinity, problem: "" };

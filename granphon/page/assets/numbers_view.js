@@ -56,9 +56,23 @@ export function followSound(data, state) {
 }
 
 export function drawNumbers(element, data, state, contact, lattice, sound) {
-  const { diameter } = data.balls;
+  const facts = data.facts ?? listFacts(data, state, contact, lattice);
   const rows = [
-    ["head", "State"],
+    ["head", data.fixed ? "Network" : "State"],
+    ...facts,
+    ["head", `Sound along (${data.direction.map((one) => printNumber(one, 3)).join(", ")})`],
+    ...sound.map(([name, value]) => [name, printVelocity(value)]),
+    ...listModuli(data, contact, lattice),
+  ];
+  element.tBodies[0].innerHTML = rows.map(([name, value]) =>
+    name === "head" ? `<tr class="head"><th colspan="2" scope="colgroup">${value}</th></tr>`
+      : `<tr><th scope="row">${name}</th><td>${value}</td></tr>`).join("");
+}
+
+// What is said of the state of a contact
+function listFacts(data, state, contact, lattice) {
+  const { diameter } = data.balls;
+  return [
     ["Force of a contact, f", printQuantity(state.force, "N")],
     ["Pressure, P", printPressure(data, state, lattice)],
     ["Overlap, δ", printQuantity(contact.overlap, "m")],
@@ -68,13 +82,7 @@ export function drawNumbers(element, data, state, contact, lattice, sound) {
     ["Torsion over k d²", printNumber(lattice.settings.torsion)],
     ["Reduced force, f*", Number.isFinite(contact.reduced) ? printNumber(contact.reduced) : "∞ (equal balls)"],
     ["Local exponent, d log v / d log P", state.overlap ? "left out with finite overlap" : printNumber(contact.exponent)],
-    ["head", `Sound along (${data.direction.map((one) => printNumber(one, 3)).join(", ")})`],
-    ...sound.map(([name, value]) => [name, printVelocity(value)]),
-    ...listModuli(data, contact, lattice),
   ];
-  element.tBodies[0].innerHTML = rows.map(([name, value]) =>
-    name === "head" ? `<tr class="head"><th colspan="2" scope="colgroup">${value}</th></tr>`
-      : `<tr><th scope="row">${name}</th><td>${value}</td></tr>`).join("");
 }
 
 export function printVelocity(value) {

@@ -55,6 +55,7 @@ export function solveState(data, state) {
 
 // What makeLattice() takes, for a contact of findContact()
 export function latticeSettings(data, state, contact) {
+  if (data.fixed) return { motions: state.motions, ...data.fixed };
   const known = data.lattice.motions.find((one) => one.name === state.motions);
   const { diameter } = data.balls;
   const spacing = state.overlap ? 1 - contact.overlap / diameter : 1;
