@@ -149,6 +149,6 @@ def _describe_memory() -> list[tuple[str, str]]:
 
 
 def _describe_fonts() -> list[tuple[str, str]]:
-    from granphon.figures.fonts import describe_fonts
+    from granphon.figures.scales import describe_fonts
 
     return [(name, _hide_paths(text) if name != "config folder" else text) for name, text in describe_fonts()]

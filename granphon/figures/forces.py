@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from granphon.figures.scales import FORCES
 
@@ -94,7 +94,8 @@ def plot_forces(
     if not isinstance(given, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
-    layer = _Network.of(sample) if isinstance(sample, ContactNetwork) else _Layer.of(sample)
+    network = sample if isinstance(sample, ContactNetwork) else None
+    layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
     if show == "auto":
         small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
         show = "window" if window is not None else "all" if small else "density"
@@ -106,28 +107,39 @@ def plot_forces(
             return plot_forces(sample, figure.subplots(), show=show, window=window)
     figure = ax.get_figure()
     drawn: LineCollection | QuadMesh
+    left, bottom, right, top = edges
+    means = ""
     if show == "density":
-        # a contact counts half at each of its balls, so that none is lost at an edge of a periodic array
-        grid, (x, y) = layer.make_grid(), layer.places.T
+        # squares over which forces are averaged; a contact counts half at each of its balls, so that none is lost at an
+        # edge of a periodic array
+        side, (x, y) = max(_LEAST_SQUARE * layer.diameter, float(np.max(layer.size)) / _MOST_SQUARES), layer.places.T
+        numbers = np.maximum(1, np.round(layer.size / side)).astype(int)
+        grid = [np.linspace(a, b, n + 1) for a, b, n in ((left, right, numbers[0]), (bottom, top, numbers[1]))]
         total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (layer.sums, layer.counts))
         with np.errstate(invalid="ignore"):  # nan where no ball is
             density = total / count
         drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
+        size, name = (1.0, "$d$") if network is None else readable_unit(float(np.max(layer.size)), "m")
+        sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in grid})
+        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name}"
     else:
         drawn = _draw_chains(layer, ax, edges)
-    left, bottom, right, top = edges
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", title=layer.title)
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(5, integer=isinstance(layer, _Layer), steps=[1, 2, 5, 10]))
-    layer.name_axes(ax)
+        axis.set_major_locator(MaxNLocator(5, integer=network is None, steps=[1, 2, 5, 10]))
+    if network is None:
+        ax.set(xlabel=layer.axes[0], ylabel=layer.axes[1])
+    else:
+        for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
+            _name_unit(axis, name, float(np.max(layer.size)), "m")
     if top - bottom < 2.0 * layer.diameter:
         ax.set_yticks([0.0])
     if drawn.get_array() is not None:
-        bar = figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02)
-        size, name = layer.length_unit
-        sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in layer.make_grid()})
-        square = f"{' x '.join(sides * (3 - len(sides)))} {name}"
-        layer.name_forces(bar.ax, f",\nmeans over {square}" if show == "density" else "")
+        bar = figure.colorbar(drawn, ax=ax, location="bottom", aspect=40, pad=0.02).ax
+        if network is None:
+            bar.set_xlabel(f"Contact force over its mean{means}")
+        else:
+            _name_unit(bar.xaxis, "Contact force", bar.get_xlim()[1], "N", means)
     return ax
 
 
@@ -140,7 +152,7 @@ def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequ
     return figure  # type: ignore[no-any-return]
 
 
-def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> tuple[float, ...]:
+def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, ...]:
     """Return the edges of the window that is given, or of that in the middle; InputError if they are no edges."""
     if given is None:
         low, high = np.reshape(layer.edges, (2, 2))
@@ -152,19 +164,19 @@ def _choose_window(layer: _Layer | _Network, given: Sequence[float] | None) -> t
     return tuple(numbers.tolist())
 
 
-def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
+def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these edges, the left, lower, right and upper one, and their balls if there are few."""
     figure: Any = ax.get_figure()
-    lines, forces = layer.lines
+    lines, forces = layer.find_lines()
     low, high = np.array(edges[:2]), np.array(edges[2:])
     near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
     order = np.argsort(forces[near], kind="stable")  # the strong on top
     segments, forces = lines[near][order], forces[near][order]
     reach = layer.radii[:, None]
     inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
-    sites, widths, colours = layer.places[inside], 2.0 * layer.radii[inside], layer.colours[inside].tolist()
+    sites, sizes, colours = layer.places[inside], 2.0 * layer.radii[inside], layer.colours[inside].tolist()
     if not sites.size or not forces.size:
-        mend = f"Give edges inside the array, in {layer.unit}"
+        mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
         raise InputError(message("no ball of the array is in the window", mend=mend))
     # printed size of a diameter, in points, estimated because the layout is not known yet
     size = (high - low) / layer.diameter
@@ -172,11 +184,25 @@ def _draw_chains(layer: _Layer | _Network, ax: Axes, edges: tuple[float, ...]) -
     if len(sites) <= _MOST_OUTLINED:
         style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
         place = {"offsets": sites, "offset_transform": ax.transData}
-        ax.add_collection(EllipseCollection(widths, widths, 0.0 * widths, units="xy", **style, **place), autolim=False)
-    one = min(_MEAN_WIDTH * points, _MOST_POINTS)
-    layer.draw_rest(ax)
+        ax.add_collection(EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **place), autolim=False)
+    widths = forces  # of lines, in those of the mean force
+    if (network := layer.network) is not None:
+        # the width of the thinnest line is a fifth of that
+        mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
+        widths = np.clip(forces / mean, 0.2, _WIDEST) if mean > 0.0 else np.full(len(forces), 0.2)
+        # a piece of a flat wall at each contact with it
+        ends = ((network.i, network.j, network.arm_j, -1.0), (network.j, network.i, network.arm_i, 1.0))
+        pieces = list[Array]()
+        for wall, ball, arm, sign in ends:
+            at = np.isinf(network.radii[wall]) & np.isfinite(network.radii[ball])
+            normal = network.normal[at, :2]
+            touch = network.positions[ball[at], :2] + sign * arm[at, None] * normal
+            across = 0.5 * network.radii[ball[at], None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+            pieces.append(np.stack([touch - across, touch + across], axis=1))
+        walls = LineCollection(list(np.concatenate(pieces)), colors=_IDLE, linewidths=1.0, gid="walls")
+        ax.add_collection(walls, autolim=False)
     chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=len(segments) > _MOST_VECTORS)
-    chains.set(linewidths=one * layer.find_widths(forces))
+    chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * widths)
     if forces[-1] > 0.0:
         chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])))
     else:
@@ -196,6 +222,9 @@ class _Map:
     edges : the left, lower, right and upper edge of all that is drawn.
     diameter : the mean diameter of the balls.
     height : that of a figure, in inches, in which all is 2.9 inches wide.
+    axes : the labels of both axes, without the unit of a network.
+    find_lines : returns the lines (m, 2, 2) of the contacts, and their forces (m,).
+    network : the network, if it is one.
     """
 
     places: Array
@@ -207,198 +236,108 @@ class _Map:
     diameter: float
     height: float
     title: str
-    unit: ClassVar[str]
-
-    @property
-    def lines(self) -> tuple[Array, Array]:
-        """The lines (m, 2, 2) of the contacts, and their forces (m,)."""
-        raise NotImplementedError
+    axes: tuple[str, str]
+    find_lines: Callable[[], tuple[Array, Array]]
+    network: ContactNetwork | None = None
 
     @property
     def size(self) -> Array:
         """Lengths of the sides, (2,)."""
         return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
 
-    def make_grid(self) -> list[Array]:
-        """Return the edges (m + 1,) and (n + 1,) of the squares over which forces are averaged."""
-        side = max(_LEAST_SQUARE * self.diameter, float(np.max(self.size)) / _MOST_SQUARES)
-        left, bottom, right, top = self.edges
-        counts = np.maximum(1, np.round(self.size / side)).astype(int)
-        return [np.linspace(a, b, n + 1) for a, b, n in ((left, right, counts[0]), (bottom, top, counts[1]))]
 
-    @property
-    def length_unit(self) -> tuple[float, str]:
-        """The unit in which lengths are written, in that of the data, and its name."""
-        return 1.0, "$d$"
+def _find_layer(sample: Sample) -> _Map:
+    """Return the balls of a sample that are drawn, in a plane, with the contacts between them."""
+    structure, p = sample.packing.structure, len(sample.shape)
+    rows, columns = (*sample.shape, 1)[:2]
+    vectors = np.eye(3)
+    vectors[:p, :p] = structure.vectors
+    axes = np.linalg.qr(vectors.T)[0].T
+    axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]  # rows: along a1, across it in the layer, across the layer
+    plane, up = axes[:2, :p].T, axes[2, :p]
+    table, balls = structure.contacts, structure.positions
+    level = np.abs((balls - balls[0]) @ up) < _LEVEL
+    inside = level[table.i] & level[table.j] & (np.abs(table.normal @ up) < _LEVEL) & np.all(table.shift[:, 2:] == 0, axis=1)
+    shown = np.flatnonzero(level).tolist()
+    flat = sample.sites.reshape(*sample.shape, -1, p)
+    forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[..., inside]
+    if p == 3:
+        flat, forces = flat[:, :, 0], forces[:, :, 0]
+    # (L1, L2, n, 2) of the balls, moved by whole periods of a1 into a rectangle, and (L1, L2, n_c) over the mean
+    flat, forces = flat.reshape(rows, columns, -1, p), forces.reshape(rows, columns, -1)
+    sites = flat[:, :, shown] @ plane
+    length, step = rows * float(np.linalg.norm(vectors[0])), float(vectors[1] @ axes[1])
+    sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
+    # of each kind of contact the vector, the numbers of its balls i and j, and the cells between them
+    ways, shifts = table.normal[inside] @ plane, np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2].tolist()
+    ends = [[shown.index(i), shown.index(j)] for i, j in zip(table.i[inside], table.j[inside], strict=True)]
+    sums, counts = np.zeros(sites.shape[:3]), np.zeros(sites.shape[:3])
+    for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
+        force = forces[..., contact]
+        for total, value in ((sums, force), (counts, np.ones(force.shape))):
+            total[:, :, i] += value
+            total[:, :, j] += np.roll(value, (a, b), (0, 1))
 
-    def find_widths(self, forces: Array) -> Array:
-        """Return the widths of lines (n,), in those of the mean force."""
-        return forces
-
-    def draw_rest(self, ax: Axes) -> None:
-        """Draw what there is besides balls and contacts."""
-
-
-@dataclass(frozen=True)
-class _Layer(_Map):
-    """The balls of a sample that are drawn, in a plane, with the contacts between them.
-
-    ``sites`` (L1, L2, n, 2) are moved by whole periods of a1 into a rectangle. Of each kind of contact ``ends`` (n_c, 2) are
-    the numbers of its balls i and j, ``shifts`` (n_c, 2) the cells between them, ``ways`` (n_c, 2) the vectors; ``forces``
-    (L1, L2, n_c) are over their mean.
-    """
-
-    flat: bool
-    sites: Array
-    ends: list[list[int]]
-    shifts: list[list[int]]
-    ways: Array
-    forces: Array
-    unit = "diameters"
-
-    @classmethod
-    def of(cls, sample: Sample) -> _Layer:
-        structure, p = sample.packing.structure, len(sample.shape)
-        rows, columns = (*sample.shape, 1)[:2]
-        vectors = np.eye(3)
-        vectors[:p, :p] = structure.vectors
-        axes = np.linalg.qr(vectors.T)[0].T
-        axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]  # rows: along a1, across it in the layer, across the layer
-        plane, up = axes[:2, :p].T, axes[2, :p]
-        table, balls = structure.contacts, structure.positions
-        level = np.abs((balls - balls[0]) @ up) < _LEVEL
-        inside = (
-            level[table.i] & level[table.j] & (np.abs(table.normal @ up) < _LEVEL) & np.all(table.shift[:, 2:] == 0, axis=1)
-        )
-        shown = np.flatnonzero(level).tolist()
-        flat = sample.sites.reshape(*sample.shape, -1, p)
-        forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[..., inside]
-        if p == 3:
-            flat, forces = flat[:, :, 0], forces[:, :, 0]
-        flat, forces = flat.reshape(rows, columns, -1, p), forces.reshape(rows, columns, -1)
-        sites = flat[:, :, shown] @ plane
-        length, step = rows * float(np.linalg.norm(vectors[0])), float(vectors[1] @ axes[1])
-        sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
-        shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2].tolist()
-        ends = [[shown.index(i), shown.index(j)] for i, j in zip(table.i[inside], table.j[inside], strict=True)]
-        sums, counts = np.zeros(sites.shape[:3]), np.zeros(sites.shape[:3])
-        for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
-            force = forces[..., contact]
-            for total, value in ((sums, force), (counts, np.ones(force.shape))):
-                total[:, :, i] += value
-                total[:, :, j] += np.roll(value, (a, b), (0, 1))
-        places = sites.reshape(-1, 2)
-        bottom = float(np.min(places[:, 1])) - 0.5 * step  # half a row below the lowest, which is not at zero in every cell
-        edges = (-0.25, bottom, length - 0.25, bottom + step * columns)
-        height = 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
-        return cls(
-            places, np.full(len(places), 0.5), np.full(len(places), "none"), sums.ravel(), counts.ravel(), edges, 1.0,
-            height, _write_title(sample), p < 3, sites, ends, shifts, table.normal[inside] @ plane, forces,
-        )  # fmt: skip
-
-    @property
-    def lines(self) -> tuple[Array, Array]:
-        """The lines of the contacts that carry load: one across an edge of the array has two, one at each of its balls."""
+    def find_lines() -> tuple[Array, Array]:
+        # of the contacts that carry load: one across an edge of the array has two lines, one at each of its balls
         lines, values = list[Array](), list[Array]()
-        for contact, ((i, j), (a, b)) in enumerate(zip(self.ends, self.shifts, strict=True)):
-            way, force = self.ways[contact], self.forces[..., contact]
-            own, other = self.sites[:, :, i], np.roll(self.sites[:, :, j], (-a, -b), (0, 1))
+        for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
+            way, force = ways[contact], forces[..., contact]
+            own, other = sites[:, :, i], np.roll(sites[:, :, j], (-a, -b), (0, 1))
             across = np.linalg.norm(other - own - way, axis=-1) > 0.5
             for start, there in ((own, force > 0.0), (other - way, (force > 0.0) & across)):
                 lines.append(np.stack([start[there], start[there] + way], axis=1))
                 values.append(force[there])
         return np.concatenate(lines), np.concatenate(values)
 
-    def name_axes(self, ax: Axes) -> None:
-        """Label both axes."""
-        along, across = ("$x/d$", "$y/d$") if self.flat else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
-        ax.set(xlabel=along, ylabel=across)
+    places = sites.reshape(-1, 2)
+    bottom = float(np.min(places[:, 1])) - 0.5 * step  # half a row below the lowest, which is not at zero in every cell
+    return _Map(
+        places, np.full(len(places), 0.5), np.full(len(places), "none"), sums.ravel(), counts.ravel(),
+        (-0.25, bottom, length - 0.25, bottom + step * columns), 1.0,
+        1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)), _write_title(sample),
+        ("$x/d$", "$y/d$") if p < 3 else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$"), find_lines,
+    )  # fmt: skip
 
-    def name_forces(self, ax: Axes, more: str) -> None:
-        """Label the scale of the forces."""
-        ax.set_xlabel(f"Contact force over its mean{more}")
 
+def _project(network: ContactNetwork) -> _Map:
+    """Return the balls and contacts of a network, seen along z."""
+    sums, counts = np.zeros(network.n_balls), np.zeros(network.n_balls)
+    for end in (network.i, network.j):
+        np.add.at(sums, end, network.normal_force)
+        np.add.at(counts, end, 1.0)
+    shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
+    shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
+    places, radii = network.positions[shown, :2], network.radii[shown]
+    low, high = np.min(places - radii[:, None], axis=0), np.max(places + radii[:, None], axis=0)
+    diameter = float(2.0 * np.mean(radii))
+    margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
+    width, tall = (high - low + 2.0 * margin).tolist()
+    # balls of each mass have a tint of their own, if there are few masses
+    moving = network.moving[shown]
+    colours = np.full(len(shown), _STILL, dtype=object)
+    colours[moving] = [_TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])]
+    along = ", seen along $z$" if network.dimension == 3 else ""
 
-@dataclass(frozen=True)
-class _Network(_Map):
-    """What is drawn of a network, seen along z."""
-
-    network: ContactNetwork
-    unit = "m"
-
-    @classmethod
-    def of(cls, network: ContactNetwork) -> _Network:
-        sums, counts = np.zeros(network.n_balls), np.zeros(network.n_balls)
-        for end in (network.i, network.j):
-            np.add.at(sums, end, network.normal_force)
-            np.add.at(counts, end, 1.0)
-        shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
-        shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
-        places, radii = network.positions[shown, :2], network.radii[shown]
-        low, high = np.min(places - radii[:, None], axis=0), np.max(places + radii[:, None], axis=0)
-        diameter = float(2.0 * np.mean(radii))
-        margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
-        width, tall = (high - low + 2.0 * margin).tolist()
-        # balls of each mass have a tint of their own, if there are few masses
-        moving = network.moving[shown]
-        colours = np.full(len(shown), _STILL, dtype=object)
-        colours[moving] = [_TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])]
-        along = ", seen along $z$" if network.dimension == 3 else ""
-        title = f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}"
-        return cls(
-            places, radii, colours, sums[shown], counts[shown],
-            (*(low - margin).tolist(), *(high + margin).tolist()), diameter,
-            1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)), title, network,
-        )  # fmt: skip
-
-    @property
-    def lines(self) -> tuple[Array, Array]:
-        """The lines of all contacts: one across the edge of a period, or with a flat wall, ends where its balls touch."""
-        network, places = self.network, self.network.positions
-        flat = [np.isinf(network.radii[end]) for end in (network.i, network.j)]
+    def find_lines() -> tuple[Array, Array]:
+        # of all contacts: one across the edge of a period, or with a flat wall, ends where its balls touch
+        i, j, centres = network.i, network.j, network.positions
+        flat = [np.isinf(network.radii[end]) for end in (i, j)]
         apart = np.any(network.shift != 0, axis=1) | flat[0] | flat[1]
-        lines, forces = [np.stack([places[network.i], places[network.j]], axis=1)[~apart]], [network.normal_force[~apart]]
-        ends = (network.i, network.j), (network.arm_i, -network.arm_j), flat
-        for end, arm, wall in zip(*ends, strict=True):
-            touch = places[end] + arm[:, None] * network.normal
-            lines.append(np.stack([places[end], touch], axis=1)[apart & ~wall])
+        lines, forces = [np.stack([centres[i], centres[j]], axis=1)[~apart]], [network.normal_force[~apart]]
+        for end, arm, wall in zip((i, j), (network.arm_i, -network.arm_j), flat, strict=True):
+            touch = centres[end] + arm[:, None] * network.normal
+            lines.append(np.stack([centres[end], touch], axis=1)[apart & ~wall])
             forces.append(network.normal_force[apart & ~wall])
         return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
-    def name_axes(self, ax: Axes) -> None:
-        """Label both axes with the unit in which their numbers are short."""
-        _name_unit(ax.xaxis, "$x$", float(np.max(self.size)), "m")
-        if self.network.dimension > 1:
-            _name_unit(ax.yaxis, "$y$", float(np.max(self.size)), "m")
-
-    def name_forces(self, ax: Axes, more: str) -> None:
-        """Label the scale of the forces with their unit."""
-        _name_unit(ax.xaxis, "Contact force", ax.get_xlim()[1], "N", more)
-
-    @property
-    def length_unit(self) -> tuple[float, str]:
-        """The multiple of a metre that suits the array."""
-        return readable_unit(float(np.max(self.size)), "m")
-
-    def find_widths(self, forces: Array) -> Array:
-        """Return the widths of lines (n,), in those of the mean force; that of the thinnest is a fifth of it."""
-        mean = float(np.mean(self.network.normal_force)) if self.network.n_contacts else 0.0
-        return np.clip(forces / mean, 0.2, _WIDEST) if mean > 0.0 else np.full(len(forces), 0.2)
-
-    def draw_rest(self, ax: Axes) -> None:
-        """Draw a piece of a flat wall at each contact with it."""
-        network = self.network
-        ends = ((network.i, network.j, network.arm_j, -1.0), (network.j, network.i, network.arm_i, 1.0))
-        pieces = list[Array]()
-        for wall, ball, arm, sign in ends:
-            at = np.isinf(network.radii[wall]) & np.isfinite(network.radii[ball])
-            normal = network.normal[at, :2]
-            touch = network.positions[ball[at], :2] + sign * arm[at, None] * normal
-            across = 0.5 * network.radii[ball[at], None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-            pieces.append(np.stack([touch - across, touch + across], axis=1))
-        ax.add_collection(
-            LineCollection(list(np.concatenate(pieces)), colors=_IDLE, linewidths=1.0, gid="walls"), autolim=False
-        )
+    return _Map(
+        places, radii, colours, sums[shown], counts[shown],
+        (*(low - margin).tolist(), *(high + margin).tolist()), diameter,
+        1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)),
+        f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}", ("$x$", "$y$"),
+        find_lines, network,
+    )  # fmt: skip
 
 
 def _name_unit(axis: Axis, label: str, most: float, unit: str, more: str = "") -> None:
@@ -449,7 +388,7 @@ def forces_figure(state: ContactState) -> Figure:
     """
     _ = state.scales  # one load only
     sample = state.samples[0]
-    layer = _Layer.of(sample)
+    layer = _find_layer(sample)
     large = float(np.max(layer.size)) > _MOST_DIAMETERS
     with matplotlib.rc_context(STYLE):
         height = _LARGE_HEIGHT if large else layer.height

@@ -68,9 +68,14 @@ class _Motion:
         """Where spheres are seen from: oblique to all rows of the common lattices, higher above those of a plane."""
         return View(-75.0, 18.0 if np.ptp(self.places[:, 2]) > 0.5 else 30.0)
 
-    def at(self, phase: float) -> tuple[Array, Array]:
-        """Displacements (m, 3) and angles (m, 3) at a phase."""
-        return (self.shift * np.exp(1j * phase)).real, (self.turn * np.exp(1j * phase)).real
+    def draw(self, ax: Axes, phase: float, view: View, size: float, moved: bool = False) -> None:
+        """Draw the balls at a phase, as discs or as spheres seen from ``view`` with ``size`` times their radii."""
+        shift, turn = (self.shift * np.exp(1j * phase)).real, (self.turn * np.exp(1j * phase)).real
+        if self.planar:
+            _draw_plane(ax, self, shift[:, :2], turn[:, 2])
+        else:
+            _draw_spheres(ax, view, self, size * self.radii, shift, turn, moved)
+        ax.set_title(self.title)
 
 
 def plot_mode(
@@ -109,13 +114,7 @@ def plot_mode(
     size : size of spheres over their real size.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
-    shift, turn = motion.at(phase)
-    if motion.planar:
-        _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
-    else:
-        radii = positive("size", size) * motion.radii
-        _draw_spheres(ax, view or motion.view, motion, radii, shift, turn)
-    ax.set_title(motion.title)
+    motion.draw(ax, phase, view or motion.view, positive("size", size))
     return ax
 
 
@@ -148,18 +147,12 @@ def animate_mode(
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
-        shift, turn = motion.at(-2.0 * np.pi * frame / count)
         ax.clear()
         with matplotlib.rc_context(STYLE):
-            if motion.planar:
-                _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
-            else:
-                _draw_spheres(ax, seen, motion, part * motion.radii, shift, turn, moved=True)
-                # all pictures have the same limits
-                places = seen.project(motion.places)
-                room = _LARGEST + part * motion.radii.max() + 0.05
+            motion.draw(ax, -2.0 * np.pi * frame / count, seen, part, moved=True)
+            if not motion.planar:  # all pictures have the same limits
+                places, room = seen.project(motion.places), _LARGEST + part * motion.radii.max() + 0.05
                 hide_axes(ax, places.min(axis=0) - room, places.max(axis=0) + room)
-            ax.set_title(motion.title)
 
     return FuncAnimation(figure, draw, frames=count, interval=2000 // count)
 

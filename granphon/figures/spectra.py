@@ -1,20 +1,25 @@
-"""Figures of the spectra of networks: spectral functions along a path, attenuation, densities of states with errors."""
+"""Figures of the spectra of networks: spectral functions along a path, attenuation, densities of states; also over loads."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import SPECTRUM, draw_alone, draw_densities, scale_axis
+from granphon.figures.scales import SPECTRUM, add_legend, draw_alone, draw_densities, scale_axis
 
 import matplotlib
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.figures.curves import find_load, list_combinations, pick_evenly, write_labels
 from granphon.figures.style import (
     BLUE,
     COLOURS,
@@ -31,6 +36,10 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.spectral_functions import SpectralFunction
 
+if TYPE_CHECKING:
+    from granphon.runs.dataset import Dataset
+
+
 Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3
@@ -38,6 +47,12 @@ _SHADES = 1e3
 _ABOVE = 0.08
 #: greatest number of frequencies that are drawn; more are averaged in groups
 _MOST_ROWS = 600
+#: greatest number of states of a sweep that are drawn
+_MOST = 8
+#: part of the colour map that is used for them: its ends are too pale on paper
+_PART = (0.0, 0.85)
+#: part of the samples in which a line must be resolved, for its width to be drawn
+_RESOLVED = 0.5
 
 
 def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
@@ -206,3 +221,99 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
 def sample_dos_figure(dos: SpectralDensity) -> Figure:
     """Draw a figure, one column wide, of the density of states of a network; see :func:`plot_sample_dos`."""
     return draw_alone(partial(plot_sample_dos, dos), 2.4)
+
+
+# -- over loads ---------------------------------------------------------------------------------------------------------
+
+
+def sweep_dos_figure(dataset: Dataset) -> Figure:
+    """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with standard errors as bands.
+
+    A state, which is a load, a medium and a combination of parameters, has one colour. Of more than eight states eight are
+    drawn, evenly taken, and the legend says of how many. Raises :class:`~granphon.base.errors.InputError` if the sweep has
+    no densities of states.
+    """
+    states, handles = _choose_states(dataset, "dos_total", "densities of states")
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 2.8), dpi=DPI, layout="constrained")
+        names = ("dos_frequency", "dos_total", "dos_error")
+        draw_densities(figure.subplots(), ((colour, "", *(take(name) for name in names)) for colour, take in states))
+        add_legend(figure, handles, room=1)
+    return figure
+
+
+def sweep_spectra_figure(dataset: Dataset) -> Figure:
+    """Draw a figure of the plane waves in the arrays of a sweep, one column wide; states are those of the densities.
+
+    For each polarisation there are the frequencies along the path, with bars as long as the line is wide (full, at half
+    maximum) where it is resolved in at least half of the samples, and of these lines the attenuation over their frequency,
+    both logarithmic, with bars of its standard error. Raises :class:`~granphon.base.errors.InputError` if the sweep has no
+    spectra.
+    """
+    states, handles = _choose_states(dataset, "line_frequency", "spectra")
+    count, unit = dataset.sizes["polarisation"], HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 0.4 + 4.2 * count), dpi=DPI, layout="constrained")
+        panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[:, 0]
+        for number, name in enumerate(dataset["polarisation"].values.tolist()):
+            (above, below), corners, shown = panels[2 * number : 2 * number + 2], np.zeros(0), [np.zeros(0)]
+            for colour, take in states:
+                ends, along = take("path_corners"), take("path_distance")
+                corners = ends / ends[-1]  # paths of balls of several diameters differ in length alone
+                peak, width, resolved, alpha = (
+                    take(one, number) for one in ("line_frequency", "line_width", "line_resolved", "attenuation")
+                )
+                peak, known = peak / unit.hertz, resolved >= _RESOLVED
+                style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
+                wide = np.where(known, 0.5 * width, 0.0) / unit.hertz
+                dots, *_ = above.errorbar(along / ends[-1], peak, wide, elinewidth=0.8, zorder=3, **style)
+                dots.set_clip_on(False)
+                there, bars = known & (alpha > 0.0), None
+                if "attenuation_error" in dataset and np.all(np.isfinite(error := take("attenuation_error", number))):
+                    # down to a tenth of the value at most, as there is no zero on the axis
+                    bars = np.array([np.minimum(error, 0.9 * alpha), error])[:, there]
+                below.errorbar(peak[there], alpha[there], bars, elinewidth=0.7, **style)
+                shown.append(peak[there])
+            name_corners(above, corners, [str(label) for label in dataset["labels_of_path"].values])
+            above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
+            if (values := np.concatenate(shown)).size:
+                below.set_yscale("log")
+                scale_axis(below, "x", values)
+            else:
+                told: dict[str, Any] = {"transform": below.transAxes, "ha": "center", "va": "center", "color": "0.4"}
+                below.text(0.5, 0.5, "no line is resolved", **told)
+                below.set(xticks=[], yticks=[])
+            below.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)")
+        add_legend(figure, handles, room=1)
+    return figure
+
+
+def _choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
+    """Return the states that are drawn, in order of load, and their legend; InputError if the sweep has no ``name``.
+
+    Of each they are its colour, and what returns the values of a variable there, of a polarisation if it has several.
+    """
+    if name not in dataset:
+        raise InputError(message(f"the sweep has no {what} of arrays", mend="Draw another figure"))
+    load = find_load(dataset)
+    loads, media = write_labels(dataset, load), write_labels(dataset, "medium")
+    found = []
+    for at in np.argsort(dataset[load].values, kind="stable").tolist():
+        for m, medium in enumerate(media):
+            for words, place in list_combinations(dataset):
+                parts = [loads[at]] * (len(loads) > 1) + [medium] * (len(media) > 1) + [words] * bool(words)
+                found.append((", ".join(parts) or loads[at], place | {"medium": m, "load": at}))
+    chosen = pick_evenly(len(found), _MOST)
+    shades = colormaps["viridis"](np.linspace(*_PART, len(chosen)) if len(chosen) > 1 else [0.3])
+
+    def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
+        at = place | {"polarisation": polarisation}
+        return np.asarray(dataset[variable].isel(at, missing_dims="ignore"), float)
+
+    states, handles = list[tuple[Any, Callable[..., Array]]](), list[Line2D]()
+    for shade, n in zip(shades.tolist(), chosen, strict=True):
+        states.append((tuple(shade), partial(take, found[n][1])))
+        handles.append(Line2D([], [], color=tuple(shade), label=found[n][0]))
+    if len(found) > len(chosen):
+        handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(found)} are drawn"))
+    return states, handles

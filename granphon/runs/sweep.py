@@ -44,7 +44,7 @@ from granphon.runs.tasks import (
     require_arrays,
     to_json,
 )
-from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
+from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -176,12 +176,12 @@ def sweep(
     waves, density = None, require("dos", truth, dos)
     path_of_spectra = BandPath.default(lattice) if spectrum is not None else None
     if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
-        rules = spectrum_rules(read=False) | {"path": partial(BandPath.read, structure=lattice)}
+        rules = wave_rules("spectrum", read=False) | {"path": partial(BandPath.read, structure=lattice)}
         given = require("spectrum", partial(block, rules=rules), spectrum)
         path_of_spectra = given.pop("path", path_of_spectra)
         spectrum = SpectrumSettings(**given)
     if pulse is not None and not isinstance(pulse, PulseSettings):
-        rules = pulse_rules(read=False)
+        rules = wave_rules("pulse", read=False)
         pulse = PulseSettings(**require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse))
     if pulse is not None and way and isinstance(way[0], tuple):
         raise InputError(message("a pulse is asked for in several directions", mend="Give one direction"))

@@ -33,8 +33,7 @@ from granphon.waves.settings import (
     POLARISATIONS,
     PulseSettings,
     SpectrumSettings,
-    pulse_rules,
-    spectrum_rules,
+    wave_rules,
     write_setting,
 )
 
@@ -69,7 +68,7 @@ def _load(kind: str, words: str) -> Field:
 def _wave(key: str, words: str, default: str) -> Field:
     """Return a field of the blocks about waves in a simulated array."""
     name, own = key.split(".")
-    read = (spectrum_rules() if name == "spectrum" else pulse_rules())[own]
+    read = wave_rules(name)[own]
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
     return Field(key, place, Kind.plain(read, partial(write_setting, own)), words, default)
 

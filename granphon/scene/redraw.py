@@ -22,7 +22,7 @@ from granphon.scene.run import (
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
-    from granphon.figures.runs import Run
+    from granphon.figures.comparison import Run
 
 
 _FORMATS = (".pdf", ".png", ".svg")
@@ -202,7 +202,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
 def _read_files(name: str, have: dict[str, Path]) -> Run:
     """Read the files of a run or of a fit; beside a fit nothing else is read."""
-    from granphon.figures.runs import Run
+    from granphon.figures.comparison import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
         from granphon.fits.fit import WidthFit

@@ -17,16 +17,16 @@ bell that is nowhere below zero and nearly a Gaussian, whose standard deviation 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.results import Result
 from granphon.base.validation import positive, whole_number
 from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
@@ -41,8 +41,6 @@ _LEAST = 4
 _POINTS = 4
 #: share of a moment that counts for rounding
 _ROUNDING = 1e-12
-#: what a result is refined with
-Work = TypeVar("Work")
 #: bytes of vectors that a result keeps, so that more moments go on from them; what would take more begins again
 _KEPT = 2**28
 #: share by which a moment may exceed that of order zero: rounding
@@ -204,20 +202,37 @@ class Moments:
         return np.array(found[:count])
 
 
-class Refinable(ABC, Generic[Work]):
-    """A frozen result that finds one with more moments. Plain data and pickles do not keep what it needs for that."""
+class Refinable(Result):
+    """A frozen spectrum at the points of the kernel of ``moments`` that finds one with more of them.
 
-    _work: Work | None = None
+    Plain data and pickles do not keep what it needs for that.
+    """
 
-    @abstractmethod
-    def _refine(self, resolution: float | None, moments: int | None) -> Self:
-        """Return the result of a resolution, Hz, or of a number of moments."""
+    frequencies: Array
+    top: float
+    moments: int
+    #: finds the result of a number of moments
+    _work: Callable[..., Any] | None = None
 
-    def _with_work(self, work: Work) -> Self:
+    def _check(self) -> None:
+        """Check the shapes, and that the points are those of the moments."""
+        super()._check()
+        self._kernel.check_points(self.frequencies)
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        return Kernel.of(self.top, moments=self.moments)
+
+    @property
+    def resolution(self) -> float:
+        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 - (f/top)^2)^1/2."""
+        return self._kernel.resolution
+
+    def _with_work(self, work: Callable[..., Self]) -> Self:
         object.__setattr__(self, "_work", work)
         return self
 
-    def _known_work(self) -> Work:
+    def _known_work(self) -> Callable[..., Self]:
         if self._work is None:
             name = type(self).__name__
             mend = "Ask gp.Waves(network) for it again"
@@ -230,8 +245,8 @@ class Refinable(ABC, Generic[Work]):
         It is the same, bit for bit, as one that is found with that number at once. Raises
         :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
-        return self._refine(None, moments)
+        return self._known_work()(Kernel.of(self.top, moments=moments).moments)
 
     def with_resolution(self, resolution: float) -> Self:
         """Return the result of this resolution, Hz: as :meth:`with_moments`."""
-        return self._refine(resolution, None)
+        return self._known_work()(Kernel.of(self.top, resolution).moments)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
-from granphon.base.results import Result
 from granphon.base.validation import whole_number
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
@@ -24,7 +23,7 @@ _BLOCK = 2**22
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpectralDensity(Refinable["RandomVectors | AllModes"], Result):
+class SpectralDensity(Refinable):
     """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson kernel.
 
     Of a network of up to 600 motions it is exact. Of a larger one it is an estimate by random vectors, whose integral is
@@ -62,25 +61,15 @@ class SpectralDensity(Refinable["RandomVectors | AllModes"], Result):
     vectors: int
     seed: int
 
-    def _check(self) -> None:
-        """Check the shapes, and that the points are those of the moments."""
-        super()._check()
-        Kernel.of(self.top, moments=self.moments).check_points(self.frequencies)
-
     @property
     def total(self) -> Array:
         """(n,) translational plus rotational density, 1/Hz."""
         return self.translational + self.rotational
 
     @property
-    def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 - (f/top)^2)^1/2."""
-        return Kernel(self.top, self.moments).resolution
-
-    @property
     def integral(self) -> float:
         """Integral of the total over all frequencies: the number of motions of a ball."""
-        return float(Kernel(self.top, self.moments).integral(self.total))
+        return float(self._kernel.integral(self.total))
 
     def with_vectors(self, vectors: int) -> SpectralDensity:
         """Return the density by this number of random vectors; those that have been used are not used again.
@@ -88,10 +77,7 @@ class SpectralDensity(Refinable["RandomVectors | AllModes"], Result):
         It is the same, bit for bit, as one that is found with that number at once; without random vectors it is this one.
         Raises :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
-        return self._known_work().find(self.moments, whole_number("vectors", vectors, 1))
-
-    def _refine(self, resolution: float | None, moments: int | None) -> SpectralDensity:
-        return self._known_work().find(Kernel.of(self.top, resolution, moments).moments, self.vectors)
+        return self._known_work()(self.moments, vectors=whole_number("vectors", vectors, 1))
 
 
 class AllModes:
@@ -115,7 +101,7 @@ class AllModes:
         nothing = np.zeros(kernel.count)
         return SpectralDensity(
             kernel.frequencies, translational, rotational, nothing, nothing, nothing, kernel.top, moments, 0, self._seed
-        )._with_work(self)
+        )._with_work(partial(self.find, vectors=0))
 
 
 class RandomVectors:
@@ -154,7 +140,7 @@ class RandomVectors:
         return SpectralDensity(
             kernel.frequencies, mean[0], mean[1], _error(parts.sum(axis=1)), _error(parts[:, 0]),
             _error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
-        )._with_work(self)  # fmt: skip
+        )._with_work(partial(self.find, vectors=vectors))  # fmt: skip
 
 
 def _error(values: Array) -> Array:

@@ -13,9 +13,9 @@ from granphon.base.errors import InputError, PrecisionError, brief, message
 from granphon.base.validation import choice, finite_array, require
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
+from granphon.waves.settings import POLARISATIONS
 
 Array = NDArray[np.float64]
-_NAMES = ("longitudinal", "transverse", "rotational")
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
 _WHOLE = 1e-6
 #: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left
@@ -44,7 +44,7 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     """
     given = _as_wavevectors(network, q)
     nearest = _round(network, given)
-    periods = _periods(network)
+    periods = network.cell[list(network.pbc), : network.dimension]
     wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
     if np.any(wrong):
         bad = int(np.argmax(np.any(wrong, axis=1)))
@@ -106,14 +106,9 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
     return np.atleast_2d(given)
 
 
-def _periods(network: ContactNetwork | PeriodicCell) -> Array:
-    """Return the vectors of the cell along which the network repeats, (p, d), m."""
-    return np.asarray(network.cell[list(network.pbc), : network.dimension])
-
-
 def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
     """Return the wave vectors (n, d) of the cell nearest to ``q``."""
-    periods = _periods(network)
+    periods = network.cell[list(network.pbc), : network.dimension]
     if not len(periods):
         return q
     found = _find_nearest(periods, q)
@@ -124,26 +119,19 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
 
 def _find_nearest(periods: Array, q: Array) -> Array:
     """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with ``periods`` (p, d)."""
+    from ase.geometry.minkowski_reduction import minkowski_reduce
+
     back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
-    shorter = _reduce(back)
+    # whole numbers (p, p) that make a basis one of Minkowski's, of the shortest vectors: only around these are the lattice
+    # points nearest to a point among the corners of its cell and of the cells next to it
+    (p, d), full = back.shape, np.zeros((3, 3))
+    full[:p, :d] = back / np.linalg.norm(back, axis=1).max()  # ASE's tolerance is a length
+    shorter = np.asarray(minkowski_reduce(full, pbc=np.arange(3) < p)[1][:p, :p], np.intp)
     waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
     around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
     least = np.argmin(np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1), axis=1)
     # from whole numbers, not as a step from q: then the same wave vector has the same digits, and Gamma is zero
     return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), least] @ shorter) @ back + 0.0)
-
-
-def _reduce(basis: Array) -> NDArray[np.intp]:
-    """Return whole numbers (p, p) that make a ``basis`` (p, d) one of Minkowski's, of the shortest vectors.
-
-    Only around these are the lattice points nearest to a point among the corners of its cell and of the cells next to it.
-    """
-    from ase.geometry.minkowski_reduction import minkowski_reduce
-
-    p, d = basis.shape
-    full = np.zeros((3, 3))
-    full[:p, :d] = basis / np.linalg.norm(basis, axis=1).max()  # ASE's tolerance is a length
-    return np.asarray(minkowski_reduce(full, pbc=np.arange(3) < p)[1][:p, :p], np.intp)
 
 
 # -- polarisations ------------------------------------------------------------------------------------------------------
@@ -164,13 +152,13 @@ def find_polarisations(
             raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
         if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
             why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
-            mend = f"Give these, not all zero, or one of {', '.join(_NAMES)}"
+            mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
             raise InputError(message(f"the polarisation is {brief(polarisation)}", why, mend))
         rows = np.zeros((1, motions.count))
         numbers = numbers / np.max(np.abs(numbers))
         rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
         return rows
-    name = require("polarisation", partial(choice, options=_NAMES), polarisation)
+    name = require("polarisation", partial(choice, options=POLARISATIONS), polarisation)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move

@@ -16,8 +16,6 @@ from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-#: what stands at the two ends of a network
-ENDS = ("free", "walls", "periodic")
 #: relative length below which the part of a period along a direction is zero but for rounding
 _FLAT = 1e-9
 #: greatest distance of the balls of one plane from it, in mean diameters, in a lattice
@@ -134,7 +132,7 @@ class Course:
         return np.rint((network.vector @ self.direction - step) / self.period).astype(int)
 
     def with_ends(self, ends: str) -> Course:
-        """Return the course through the network with ``ends``, see :data:`ENDS`."""
+        """Return the course through the network with ``ends``, see :data:`~granphon.waves.settings.ENDS`."""
         if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
             return self
         if math.isinf(self.period):

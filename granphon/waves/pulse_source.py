@@ -22,10 +22,10 @@ from granphon.base.validation import finite_array, not_negative, positive, real_
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator, make_operator
-from granphon.waves.planes import ENDS, Course
+from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.pulses import Pulse
-from granphon.waves.settings import READINGS, PulseSettings
+from granphon.waves.settings import ENDS, READINGS, PulseSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from granphon.base.errors import Refused
 from granphon.base.quantities import FREQUENCY, LENGTH, TIME, Quantity
 from granphon.base.text import show
-from granphon.base.validation import Rule, choice, each, number, require, whole
+from granphon.base.validation import Rule, above_zero, choice, each, number, require, whole, zero_or_above
 
 #: what may be asked of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
@@ -19,14 +19,26 @@ POLARISATIONS = ("longitudinal", "transverse", "rotational")
 MOMENTS = 256
 #: readings of the signal of a pulse in a period of its burst
 READINGS = 24
+#: what stands at the two ends of a network
+ENDS = ("free", "walls", "periodic")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
-_ENDS = ("free", "walls", "periodic")
 _SOURCES = ("plane", "ball")
 _QUANTITIES: dict[str, Quantity] = {"resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME}
 
 
+class _Block:
+    """A block of a scene, whose values are checked when it is made."""
+
+    _name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for name, rule in wave_rules(self._name, read=False).items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, require(f"{self._name}.{name}", rule, getattr(self, name)))
+
+
 @dataclass(frozen=True)
-class SpectrumSettings:
+class SpectrumSettings(_Block):
     """Spectral functions along the path of the bands.
 
     Attributes
@@ -36,18 +48,15 @@ class SpectrumSettings:
     points : wave vectors between two corners of the path, both counted.
     """
 
+    _name = "spectrum"
+
     polarisation: tuple[str, ...] = ("longitudinal",)
     resolution: float | None = None
     points: int = 21
 
-    def __post_init__(self) -> None:
-        for name, rule in spectrum_rules(read=False).items():
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, require(f"spectrum.{name}", rule, getattr(self, name)))
-
 
 @dataclass(frozen=True)
-class PulseSettings:
+class PulseSettings(_Block):
     """A pulse through the array; see :meth:`granphon.waves.waves.Waves.transmit`.
 
     Attributes
@@ -61,6 +70,8 @@ class PulseSettings:
     damping : viscosity of a contact over its stiffness, s.
     """
 
+    _name = "pulse"
+
     frequency: float
     distance: float | None = None
     cycles: float = 5.0
@@ -68,11 +79,6 @@ class PulseSettings:
     source: str = "plane"
     ends: str = "free"
     damping: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, rule in pulse_rules(read=False).items():
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, require(f"pulse.{name}", rule, getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -101,31 +107,25 @@ class WaveSettings:
         return tuple(name for name in WAVES if getattr(self, name) not in (None, False))
 
 
-def spectrum_rules(read: bool = True) -> dict[str, Rule]:
-    """Return the rules of the block ``spectrum``: of a file (``read``), or of numbers in SI units."""
+def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
+    """Return the rules of the ``block`` "spectrum" or "pulse": of a file (``read``), or of numbers in SI units."""
+
+    def quantity(name: str) -> Rule:
+        kind = _QUANTITIES[name]
+        if name == "damping":  # zero, without a unit, is one too
+            return _read_damping if read else partial(zero_or_above, unit=kind.unit)
+        return kind.read if read else partial(above_zero, unit=kind.unit)
+
+    if block == "spectrum":
+        return {
+            "polarisation": _read_polarisations, "resolution": quantity("resolution"),
+            "points": partial(whole, low=2, high=10_000),
+        }  # fmt: skip
     return {
-        "polarisation": _read_polarisations, "resolution": _quantity("resolution", read),
-        "points": partial(whole, low=2, high=10_000),
+        "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),
+        "polarisation": partial(choice, options=_PUSHES), "source": partial(choice, options=_SOURCES),
+        "ends": partial(choice, options=ENDS), "damping": quantity("damping"),
     }  # fmt: skip
-
-
-def pulse_rules(read: bool = True) -> dict[str, Rule]:
-    """Return the rules of the block ``pulse``: of a file (``read``), or of numbers in SI units."""
-    return {
-        "frequency": _quantity("frequency", read), "distance": _quantity("distance", read),
-        "cycles": partial(number, low=1.0, high=1e4), "polarisation": partial(choice, options=_PUSHES),
-        "source": partial(choice, options=_SOURCES), "ends": partial(choice, options=_ENDS),
-        "damping": _quantity("damping", read),
-    }  # fmt: skip
-
-
-def _quantity(name: str, read: bool) -> Rule:
-    kind = _QUANTITIES[name]
-    if read:
-        return kind.read if name != "damping" else _read_damping
-    from granphon.base.validation import above_zero, zero_or_above
-
-    return partial(zero_or_above if name == "damping" else above_zero, unit=kind.unit)
 
 
 def _read_damping(value: Any) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
-from granphon.base.results import Result
 from granphon.base.validation import finite_list, positive
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
@@ -103,7 +102,7 @@ def find_ioffe_regel(wavenumber: Array, peak: Array, width: Array, product: floa
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpectralFunction(Refinable["PlaneWaves"], Result):
+class SpectralFunction(Refinable):
     """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s the wave of norm one.
 
     It is exact for the network but for the kernel, which broadens each line. A plane wave that is no mode of the network
@@ -135,20 +134,6 @@ class SpectralFunction(Refinable["PlaneWaves"], Result):
     top: float
     moments: int
     shortest: Array | None = None
-
-    def _check(self) -> None:
-        """Check the shapes, and that the points are those of the moments."""
-        super()._check()
-        self._kernel.check_points(self.frequencies)
-
-    @cached_property
-    def _kernel(self) -> Kernel:
-        return Kernel.of(self.top, moments=self.moments)
-
-    @property
-    def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 - (f/top)^2)^1/2."""
-        return self._kernel.resolution
 
     @property
     def integral(self) -> Array:
@@ -261,9 +246,6 @@ class SpectralFunction(Refinable["PlaneWaves"], Result):
         values = np.mean(every, axis=0)
         return replace(first, values=values / first._kernel.integral(values)[:, None])
 
-    def _refine(self, resolution: float | None, moments: int | None) -> SpectralFunction:
-        return self._known_work().find(Kernel.of(self.top, resolution, moments).moments)
-
 
 class PlaneWaves:
     """Moments of plane waves: of the cosine and the sine of each polarisation, which add up.
@@ -306,4 +288,4 @@ class PlaneWaves:
         return SpectralFunction(
             self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
             kernel.top, moments, fold_wavevectors(self._operator.network, self._q),
-        )._with_work(self)  # fmt: skip
+        )._with_work(self.find)  # fmt: skip

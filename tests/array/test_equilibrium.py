@@ -30,6 +30,7 @@ from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
 from tests.array.test_stencils import Explicit
+from tests.conftest import only
 
 #: a* of tests that go down to loads of few contacts
 SPACINGS = (1.0, 0.7, 0.5, 0.42)
@@ -448,7 +449,7 @@ def test_tolerance_is_met_and_not_more_than_needed():
 
 
 @pytest.mark.claim("least-loads")
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", only([1], [0, 1]))
 def test_loads_next_to_nothing(seed):
     # overlaps of 2e-5 at y = -0.15: its last digit is 2e-12 of the force
     state = equilibrate(balls((16, 16), seed), ReducedLoad(force=1e-7))

@@ -29,6 +29,7 @@ from granphon.base.errors import ConvergenceError
 from granphon.dynamics.tensors import bulk_and_shear
 from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
+from tests.conftest import only
 
 ETA = 0.82
 
@@ -314,8 +315,10 @@ def follow_boundary(paths, turns, steps):
 
 
 @pytest.mark.claim("friction-energy")
-@pytest.mark.parametrize("ratio", [0.0, 0.02])
-@pytest.mark.parametrize("mu", [0.05, 0.2, math.inf])
+@pytest.mark.parametrize(
+    ("mu", "ratio"),
+    only([(0.05, 0.0), (0.2, 0.02), (math.inf, 0.0)], itertools.product([0.05, 0.2, math.inf], [0.0, 0.02])),
+)
 def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(mu, ratio):
     """Nothing is stored or lost but what the boundary gives: at every load, and to second order in the steps.
 
@@ -337,7 +340,9 @@ def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(
 
 
 @pytest.mark.claim("friction-energy")
-@pytest.mark.parametrize(("mu", "ratio"), [(0.1, 0.0), (0.2, 0.0), (math.inf, 0.0), (0.2, 0.02)])
+@pytest.mark.parametrize(
+    ("mu", "ratio"), only([(math.inf, 0.0), (0.2, 0.02)], [(0.1, 0.0), (0.2, 0.0), (math.inf, 0.0), (0.2, 0.02)])
+)
 def test_energies_do_not_depend_on_how_many_loads_a_way_has(mu, ratio):
     """In one go, and over many stops, there and back: the work that is left, and what is lost on the way."""
     up = [ReducedLoad(overlap=float(y)) for y in np.linspace(0.0, 0.6, 25)[1:]]
@@ -480,8 +485,7 @@ def test_steps_are_refined_until_the_force_does_not_change():
 
 
 @pytest.mark.claim("friction-steps")
-@RATIOS
-@pytest.mark.parametrize("mu", [0.2, math.inf])
+@pytest.mark.parametrize(("mu", "ratio"), only([(0.2, 2.55e-4)], itertools.product([0.2, math.inf], [0.0, 2.55e-4])))
 def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu, ratio):
     """The tolerance holds on the way to each load, and for an estimate: over four ways it is kept to a factor of three."""
     paths, seen = history((12, 12), mu, 1e-4, ratio=ratio), []
@@ -543,7 +547,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
 
 
 @pytest.mark.claim("friction-gas-energy")
-@pytest.mark.parametrize(("lattice", "shape"), [(TRIANGULAR, (6, 6)), (SQUARE, (4, 4))])
+@pytest.mark.parametrize(("lattice", "shape"), only([(SQUARE, (4, 4))], [(TRIANGULAR, (6, 6)), (SQUARE, (4, 4))]))
 def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape):
     """Their own work, stiffness times the square of the motion in a step, is not what the energy is found from."""
     off = []
@@ -714,7 +718,7 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
         falls = sum(start < place <= end for place in places)
         return falls * trail[-1].force * (0.9e-6 if end - start < 0.02 else 2e-6), [(0.0, 0.0)] * steps
 
-    monkeypatch.setattr(paths, "_compare", fall)
+    paths._compare = fall
     monkeypatch.setattr(module, "MOST_HALVINGS", 4)
     loads = [ReducedLoad(overlap=0.2)]
     if ends:

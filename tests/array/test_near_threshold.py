@@ -22,6 +22,7 @@ from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC
 from tests.array.test_equilibrium import balls, close_forces, residual
 from tests.array.test_stencils import ETA, Explicit
+from tests.conftest import only
 
 
 def by_newton(x, load, **more):
@@ -109,7 +110,7 @@ def test_least_loads_of_few_balls(seed):
     assert found.residual <= 1e-10
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", only([2], [0, 2]))
 def test_steps_at_low_loads_in_space(seed):
     # without centring 51 and 58 steps
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, (12, 12, 12))

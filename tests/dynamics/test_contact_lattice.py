@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -252,52 +251,6 @@ def test_modes_at_copies_of_gamma_are_those_at_gamma(hexagonal):
     along = (0.6, 0.8)
     home, copy = (hexagonal.modes([q], along) for q in ([0.0, 0.0], hexagonal.reciprocal[0] - hexagonal.reciprocal[1]))
     assert_allclose(copy.group_velocities, home.group_velocities, atol=1e-8)
-
-
-# -- real rows of lattices that are inverted about each ball ------------------------------------------------------------
-
-
-def changed(case):
-    """Kagome, two balls a cell of the triangular lattice, and what has no image for each contact; with static force."""
-    pair = gp.Lattice("pairs", ((2.0, 0.0), HEXAGON[1]), ((0.0, 0.0), (0.5, 0.0)))
-    built = gp.ContactLattice.of(pair if case in ("pairs", "turned") else "kagome", 0.7)
-    table, stiffness, prestress = built.contacts, np.ones(len(built.contacts)), np.full(len(built.contacts), 0.01)
-    if case == "turned":
-        # the same contact told from the other ball
-        i, j, flip = table.i.copy(), table.j.copy(), np.flatnonzero(table.i != table.j)[0]
-        i[flip], j[flip] = j[flip], i[flip]
-        sign = np.where(np.arange(len(i)) == flip, -1.0, 1.0)[:, None]
-        table = replace(
-            table, i=i, j=j, shift=(sign * table.shift).astype(int), normal=sign * table.normal, vector=sign * table.vector
-        )
-    elif case == "stiffness":
-        stiffness[0] = 1.5
-    elif case == "prestress":
-        prestress[0] = 0.02
-    elif case == "arm":
-        table = replace(table, arm_i=table.arm_i * np.where(np.arange(len(table)) == 0, 1.01, 1.0))
-    return gp.ContactLattice(built.cell, built.positions, table, 0.7, stiffness, prestress)
-
-
-@pytest.mark.parametrize(
-    ("case", "real"),
-    [("kagome", True), ("pairs", True), ("turned", True), ("stiffness", False), ("prestress", False), ("arm", False)],
-)
-def test_rows_are_real_if_each_contact_has_an_image(case, real):
-    lattice, q = changed(case), np.array([[0.9, 0.37], [1e-9, 2e-9], [0.0, 0.0]])
-    for prestress, derivative in ((False, False), (False, True), (True, False)):
-        rows = lattice._make_waves(prestress).compute_rows(q, derivative)
-        waves = lattice._make_real_waves(prestress).compute_rows(q, derivative)
-        assert np.iscomplexobj(waves) is not real
-        # one column is as small as q: each product against the lengths of its columns
-        size = np.linalg.norm(rows, axis=1)
-        size[size == 0.0] = 1.0
-        scale = size[:, :, None] * size[:, None, :]
-        expected = rows.conj().swapaxes(1, 2) @ rows
-        assert_allclose(waves.conj().swapaxes(1, 2) @ waves / scale, expected / scale, atol=3e-15)
-    h, at = 1e-5, q[0]
-    slopes = [(lattice.frequencies([at + s]) - lattice.frequencies([at - s]))[0] / (2 * h) for s in h * np.eye(2)]
-    assert_allclose(lattice.modes([at]).group_velocities[0].T, slopes, atol=1e-9)
 
 
 # -- one lattice in several cells ---------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.dynamics import linalg
 from granphon.dynamics.blocks import factorise
-from granphon.dynamics.linalg import cholesky_factor, graded_eigh, graded_svd, jacobi_svd, lapack_svd
+from granphon.dynamics.linalg import cholesky_factor, graded_svd, jacobi_svd, lapack_svd
 
 
 def exact_values(matrix):
@@ -223,21 +223,6 @@ def test_a_graded_matrix_that_is_singular_too(counts):
     assert np.all(expected[:, 2] < 1e-11)
     assert_allclose(values, expected, rtol=1e-14, atol=3e-16)
     assert_allclose(right.swapaxes(1, 2) @ right, np.broadcast_to(np.eye(6), (2, 6, 6)), atol=1e-14)
-
-
-def test_factors_are_asked_for_only_where_digits_are_lost():
-    a = draw(11, (4, 12, 6), True)
-    a[2:] *= [1e-9, 1.0, 1.0, 1e-4, 1.0, 1.0]
-    asked = []
-
-    def factor(matrices):
-        asked.append(len(matrices))
-        return cholesky_factor(matrices)
-
-    values, right = graded_eigh(a.conj().swapaxes(1, 2) @ a, factor)
-    assert asked == [2]
-    assert_allclose(values, jacobi_svd(a)[0], rtol=1e-12)
-    assert_allclose(np.linalg.norm(a @ right, axis=1), values, rtol=1e-12)
 
 
 def test_columns_of_zeros_and_few_rows_leave_free_motions(counts):

@@ -573,6 +573,7 @@ def test_below_the_curve_is_an_error(medium):
         medium.at_force(-1.0)
 
 
+@pytest.mark.exhaustive
 def test_kinds_too_rare_for_the_realisations_are_an_error():
     mean = 8e-3 + 1e-4 * 5e-6
     packing = gp.Packing(STEEL, mean, gp.Discrete((8e-3, 8.005e-3), (0.9999, 0.0001)), friction=False)

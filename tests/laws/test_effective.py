@@ -302,7 +302,7 @@ def test_plain_iteration_amplifies_noise():
 def test_lots_against_an_integration_split_at_the_openings(name):
     curve, forces = effective_curve(LOTS[name], XI[0.0]), np.geomspace(1e-4, 10.0, 25)
     assert curve.least_force == LEAST_SOLVED_FORCE
-    y, k = integrate_curve(curve.shape, curve.xi, forces, 1e-11)
+    y, k = integrate_curve(curve.shape, curve.xi, forces, 1e-10, "Radau")
     np.testing.assert_allclose(evaluated(curve, y), [forces, k], rtol=1e-8)
 
 
@@ -449,12 +449,6 @@ def test_one_curve_serves_every_packing_of_a_shape_and_friction(steel):
     assert effective_curve.cache_info().misses == 1
     gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=False)).at_force(1.0)
     assert effective_curve.cache_info().misses == 2
-
-
-def test_a_sample_of_the_same_shape_in_another_size_shares_the_curve():
-    small, large = (gp.Discrete(tuple(c * np.array([7.998, 8.0, 8.004])), (0.5, 0.3, 0.2)) for c in (1e-3, 1.0))
-    assert small.shape == large.shape
-    assert effective_curve(small.shape, 2.0) is effective_curve(large.shape, 2.0)
 
 
 @pytest.mark.claim("curve-ends")

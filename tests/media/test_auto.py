@@ -342,17 +342,6 @@ def test_pieces_side_by_side_give_the_same_numbers(rough, unit):
         assert sweep(rough, executor=executor, **options).equals(whole)
 
 
-def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
-    """So that a sweep that is resumed finds it under the same name."""
-    from granphon.runs.tasks import Case, CaseTasks
-
-    def names(forces):
-        work = CaseTasks(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)))
-        return {piece.name for piece in work.tasks}
-
-    assert names([0.3 * unit, 30.0 * unit]) == names([30.0 * unit, 0.3 * unit])
-
-
 def test_bands_of_a_sweep_are_those_of_what_was_chosen(rough, unit):
     forces = [0.3 * unit, 30.0 * unit]
     ds = sweep(rough, force=forces, media={"auto": {"tolerance": 0.05}}, bands="GKMG", npoints=3)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -139,16 +137,6 @@ def test_check_warns_before_anything_is_simulated_and_tables_mark_it(tmp_path, c
     scene.write_text(SCENE % "")
     assert main(["check", str(scene)]) == 0
     assert "too small" not in capsys.readouterr().err
-
-
-def test_a_sweep_is_the_state(tmp_path):
-    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    force = FORCES[[0, 3]] * unit(packing)
-    swept = gp.sweep(packing, force=force, media=({"simulation": {"shape": (8, 8), "samples": 2}},))
-    state = gp.DirectSimulation(packing, (8, 8), samples=2).at_force(force)
-    assert_allclose(swept["pressure"].values[:, 0], state.pressure, rtol=1e-13)
-    assert_array_equal(swept["transverse"].values[:, 0], gp.sound_velocities(state).transverse)
-    assert json.loads(swept.attrs["media"])[0]["simulation"].get("geometry") is None
 
 
 def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():

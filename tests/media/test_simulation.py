@@ -116,17 +116,6 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
     assert sample.contact_force_fluctuation == pytest.approx(rms, rel=1e-12)
 
 
-def test_length_and_material_are_only_scales(steel):
-    glass = gp.Material(70e9, 0.276, 2500.0)  # of steel's Poisson ratio
-    one = simulate(gp.Packing(steel, 8e-3, gp.Uniform(2e-6)), (8, 8)).at_overlap(0.3e-6)
-    two = simulate(gp.Packing(glass, 1e-4, gp.Uniform(4e-9)), (8, 8)).at_overlap(0.6e-9)
-    for name in ("reduced_force", "reduced_spacing", "force_fluctuation", "contact_fraction"):
-        assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-8)
-    moduli = gp.moduli(one), gp.moduli(two)
-    assert moduli[0].shear / moduli[0].bulk == pytest.approx(moduli[1].shear / moduli[1].bulk, rel=1e-8)
-    assert gp.local_exponent(one) == pytest.approx(gp.local_exponent(two), rel=1e-6)
-
-
 # -- the contract of a state --------------------------------------------------------------------------------------------
 
 
