@@ -18,10 +18,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
 from granphon.figures.zones import find_reciprocal, name_corners, plot_zone
@@ -35,6 +36,8 @@ Asymptotes = SoundVelocities | ContactLattice
 #: colours of modes that only translate, and that only rotate
 _TRANSLATING = ROTATION(0.0)
 _ROTATING = ROTATION(1.0)
+#: colour of a gap between the branches
+_GAP = "0.9"
 #: width of a branch, in points
 _LINE_WIDTH = 1.5
 #: frequencies closer than this part of the top one are one line in print
@@ -48,7 +51,13 @@ _TOWERING = 6.0
 
 
 def plot_bands(
-    bands: Bands, ax: Axes, *, asymptotes: Asymptotes | None = None, unit: HertzPrefix | None = None, colorbar: bool = True
+    bands: Bands,
+    ax: Axes,
+    *,
+    asymptotes: Asymptotes | None = None,
+    gaps: ArrayLike | None = None,
+    unit: HertzPrefix | None = None,
+    colorbar: bool = True,
 ) -> Axes:
     """Draw bands, each branch followed through its crossings and coloured by its rotational fraction.
 
@@ -59,6 +68,7 @@ def plot_bands(
     Parameters
     ----------
     asymptotes : draw the long waves too, see :func:`plot_asymptotes`.
+    gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``; they are shaded.
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
     """
@@ -88,6 +98,11 @@ def plot_bands(
     if crowded:
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max()))
+    intervals = np.zeros((0, 2)) if gaps is None else real_array("gaps", gaps)
+    if intervals.ndim != 2 or intervals.shape[1] != 2 or not np.all(np.isfinite(intervals)):
+        raise InputError(message(f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz"))
+    for number, (low, high) in enumerate((intervals / unit.hertz).tolist()):
+        ax.axhspan(low, high, color=_GAP, linewidth=0.0, zorder=0.2, label="_" * bool(number) + "gap", gid=f"gap-{number}")
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if colorbar:
@@ -191,12 +206,13 @@ def bands_figure(
     dos: DensityOfStates | None = None,
     *,
     asymptotes: Asymptotes | None = None,
+    gaps: ArrayLike | None = None,
     title: str | None = None,
 ) -> Figure:
     """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the same axis.
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a cluster has none. Bands or
-    densities may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
+    densities may be left out; ``asymptotes`` and ``gaps`` are as in :func:`plot_bands`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
@@ -215,7 +231,7 @@ def bands_figure(
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
-            plot_bands(bands, axes[0], asymptotes=asymptotes, unit=unit)
+            plot_bands(bands, axes[0], asymptotes=asymptotes, gaps=gaps, unit=unit)
             if space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
             elif any(bands.pbc):

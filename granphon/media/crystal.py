@@ -50,6 +50,8 @@ _MOST_CELLS = 1_000_000
 _PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
 #: relative error at which a mean force or overlap is reached, and most states on the way to it
 _MEAN, _MEANS = 4e-15, 60
+#: difference of the exponents of contacts that is put down to rounding
+_SAME_EXPONENT = 1e-9
 #: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest, 2/3 of which is the mean
 _YIELD = 1.07
 
@@ -958,6 +960,25 @@ class CrystalState:
     def contact_radius(self) -> Array:
         """(..., n_c) radius of the contact that belongs to the stiffness, k/2E*, m."""
         return np.asarray(self.normal_stiffness / (2.0 * self.crystal._constants[0]))
+
+    @property
+    def exponent(self) -> Any:
+        """The exponent d log v / d log P of all sound velocities, if the load grows as a whole, without terms of delta/d.
+
+        It is f k'/2k^2 of a contact, with the slope k' of its law: (a - 1)/2a where f goes as delta^a. Raises
+        :class:`~granphon.base.errors.InputError` if contacts do not have it in common: velocities are then no power.
+        """
+        found = np.empty(self.shape)
+        for at in np.ndindex(self.shape):
+            force, k = self.normal_force[at], self.normal_stiffness[at]
+            live = k > 0.0
+            slope = self.crystal.springs.stiffness_slope(self.overlap[at])
+            each = 0.5 * (force[live] / k[live]) * (slope[live] / k[live])
+            if np.ptp(each) > _SAME_EXPONENT:
+                what = f"the exponents of contacts differ, from {np.min(each):.6g} to {np.max(each):.6g}"
+                raise InputError(message(what, "Their laws are not one power", "Compare the velocities at two loads"))
+            found[at] = np.mean(each)
+        return found[()]
 
     @property
     def scales(self) -> Units:

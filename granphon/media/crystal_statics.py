@@ -101,6 +101,10 @@ class Springs:
         """Stiffnesses, N/m."""
         return self._find("stiffness", overlap)
 
+    def stiffness_slope(self, overlap: Array) -> Array:
+        """Slopes of the stiffnesses, N/m^2."""
+        return self._find("stiffness_slope", overlap)
+
     def energy(self, overlap: Array) -> Array:
         """Energies, J."""
         return self._find("energy", overlap)
@@ -249,7 +253,7 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
             raise InputError(message(f"{push.words} presses nothing", "Contacts have no stiffness without a force"))
         at = springs.overlap(size)
         stiffness = springs.stiffness(at)
-        x = system.solve(stiffness, push.force - press.T @ (size - stiffness * at), 1e-6, float(size[0]))
+        x = system.solve(stiffness, push.force - press.T @ (size - stiffness * at), 1e-3, float(size[0]))
         overlap = np.asarray(press @ x)
     x, overlap, residual = _descend(frame, springs, push, system, x, overlap)
     if not springs.adhere:
@@ -370,7 +374,7 @@ class _System:
         floor = len(self.free) * (_ROUNDED * size / scale) ** 2
         most = _PATIENCE if self.factored else _ITERATIONS
         for _ in range(2):
-            fresh = self.inverse is None or not self.factored
+            fresh = self.inverse is None
             if fresh:
                 self.inverse = self._invert(springs)
             assert self.inverse is not None

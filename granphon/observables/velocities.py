@@ -36,9 +36,14 @@ def local_exponent(state: ContactState) -> Any:
     The moduli of a simulation are not all proportional to k. Its exponent is that of the longitudinal velocity, which
     follows from the mean K + G of the samples: the same samples are solved at two loads, 5 % below and above, and the
     difference is taken. ``state.exponent_error`` is the standard error over the samples: 0 for a medium that does not
-    sample, nan for one sample. Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails.
+    sample, nan for one sample. That of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+
+    Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails, and
+    :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a crystal whose contacts have
+    different exponents.
     """
-    return given_state(state).exponent
+    found = getattr(state, "exponent", None)
+    return given_state(state).exponent if found is None else found
 
 
 # -- velocities and moduli ------------------------------------------------------------------------------------------

@@ -140,6 +140,17 @@ def test_bands_in_space_have_the_zone_in_a_panel_and_draw(fcc, tmp_path):
     assert not figure.axes[0].child_axes
 
 
+def test_gaps_are_shaded_between_the_branches(ax):
+    light, heavy = (gp.Ball(STEEL, 8e-3, mass=mass) for mass in (1e-3, 4e-3))
+    phonons = gp.Phonons(gp.Crystal.on("chain", [light, heavy]).at_force(10.0))
+    (gap,) = phonons.gaps()
+    plot_bands(phonons.bands(npoints=5), ax, gaps=phonons.gaps(), colorbar=False)
+    box = with_gid(ax, "gap-0").get_extents().transformed(ax.transData.inverted())
+    assert_allclose([box.y0, box.y1], gap / 1e3, rtol=1e-9)
+    with pytest.raises(InputError, match="gaps"):
+        plot_bands(phonons.bands(npoints=5), ax, gaps=[1.0, 2.0, 3.0])
+
+
 def test_names_at_a_jump_stand_one_above_the_other_where_corners_are_close(ax):
     bands = gp.Phonons(state_of("hcp")).bands("GMKGALHA,LM,KH", npoints=3)
     plot_bands(bands, ax)

@@ -193,6 +193,15 @@ def test_the_local_exponent_of_a_power_law(exponent):
     low, high = crystal.at_pressure([1.0, 1.001])
     slope = np.log(high.normal_stiffness / low.normal_stiffness) / (2 * np.log(1.001))
     assert_allclose(slope, (exponent - 1) / (2 * exponent), atol=1e-12)
+    assert_allclose(gp.local_exponent(crystal.at_pressure([1.0, 5.0])), 2 * [(exponent - 1) / (2 * exponent)], atol=1e-12)
+
+
+def test_contacts_of_several_powers_have_no_single_exponent():
+    one, other = gp.Ball(STEEL, 8e-3, name="one"), gp.Ball(STEEL, 8e-3, name="other")
+    laws = {("one", "one"): gp.Hertz(), ("one", "other"): gp.PowerLaw(2.0, 1e12)}
+    state = gp.Crystal.on("chain", [one, one, other], law=laws).at_force(10.0)
+    with pytest.raises(InputError, match=r"exponents of contacts differ, from 0\.166667 to 0\.25"):
+        gp.local_exponent(state)
 
 
 @pytest.mark.parametrize("law", [gp.JKR(0.05), gp.DMT(0.05)])
