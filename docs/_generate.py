@@ -59,7 +59,7 @@ from granphon.media.choice import MEDIA, OPTIONS
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
-from granphon.runs.archive import load_sweep
+from granphon.runs.dataset import load_sweep
 from granphon.scene import rules
 from granphon.scene.file import FIELDS as SCENE_FIELDS
 from granphon.scene.rules import PARTS, Context

@@ -62,7 +62,7 @@ from .phonons.calculator import atoms as atoms
 from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
-from .runs.archive import load_sweep as load_sweep
+from .runs.dataset import load_sweep as load_sweep
 from .runs.sweep import sweep as sweep
 from .scene.run import RunResult as RunResult
 from .scene.scene import Scene as Scene

@@ -71,7 +71,7 @@ def check_scene(scene: SceneFile) -> None:
       granphon check scene.yaml
     """
     from granphon.observables.validity import validity
-    from granphon.runs.cases import label_warnings
+    from granphon.runs.tasks import label_warnings
     from granphon.scene.run import expected_files, tell_undrawn
     from granphon.scene.scene import Scene
 
@@ -128,7 +128,7 @@ def run_scene(
       granphon run sweep.yaml -o out --scheduler tcp://10.0.0.1:8786
     """
     from granphon.base.progress import on_stderr
-    from granphon.runs.schedulers import open_executor, require_workers
+    from granphon.runs.workers import open_executor, require_workers
     from granphon.scene.run import WORK_FILE, is_complete, tell_undrawn
     from granphon.scene.scene import Scene
 
@@ -140,7 +140,8 @@ def run_scene(
         return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)
-    require_workers(workers, scheduler)
+    if scheduler is not None:
+        require_workers(workers, scheduler)
     read = Scene.from_yaml(scene)
     if resume and not force and is_complete(read, out):
         if not quiet:

@@ -20,9 +20,8 @@ from typing import NamedTuple, Protocol
 
 from granphon.base.errors import GranphonError, OutputError, message
 from granphon.base.progress import Progress, Step, silent
-from granphon.runs.schedulers import check_workers, client_of, count_calls
 from granphon.runs.store import Store, TaskResult, decode, encode
-from granphon.runs.workers import InProcess, packages, require_packages
+from granphon.runs.workers import InProcess, check_workers, client_of, count_calls, packages, require_packages
 
 #: time after which a worker begins nothing more of a call, s
 CALL_SECONDS = 0.1

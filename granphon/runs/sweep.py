@@ -11,11 +11,10 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,25 +27,23 @@ from granphon.base.errors import (
     ConvergenceError,
     GranphonError,
     InputError,
-    InstabilityError,
-    MechanismError,
     OutputError,
     message,
 )
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
-from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.observables.catalogue import Analysis
 from granphon.phonons.paths import BandPath
-from granphon.runs.archive import file_names, load_sweep, write_sweep
-from granphon.runs.cases import Asked, Case, Grid, require_arrays
-from granphon.runs.dataset import collect_identity, fill, make_frame
-from granphon.runs.execution import solve_all
-from granphon.runs.samples import SampleRecord
-from granphon.runs.store import Store, TaskResult, open_store
-from granphon.runs.tasks import INCOMPLETE, CaseTasks, drop_marks, explain_end, find_reached, to_json
+from granphon.runs.dataset import SweepRun, collect_identity, file_names, load_sweep, write_sweep
+from granphon.runs.store import Store, open_store
+from granphon.runs.tasks import (
+    INCOMPLETE,
+    Asked,
+    Grid,
+    require_arrays,
+    to_json,
+)
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
 
 if TYPE_CHECKING:
@@ -54,8 +51,6 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[Any]
-#: a prestress f/(k a) so small that a lattice which buckles under it does so under any
-_LEAST_PUSH = 1e-30
 
 
 # -- the sweep ------------------------------------------------------------------------------------------------------
@@ -256,75 +251,6 @@ def sweep_grid(
         with locked.staging() as stage:
             write_sweep(dataset, stage / target.name)
     return dataset
-
-
-@dataclass(frozen=True, eq=False)
-class SweepRun:
-    """The work of a sweep: its frame, and the tasks of each case."""
-
-    grid: Grid
-    frame: Dataset
-    cases: tuple[CaseTasks, ...]
-
-    @classmethod
-    def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
-        """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
-        frame = make_frame(grid, bands, npoints, labels)
-        if grid.asked.sound:
-            _require_sound(grid.cases)
-        qpoints = frame["qpoints"].values if "qpoints" in frame else None
-        return cls(grid, frame, tuple(CaseTasks(case, qpoints) for case in grid.cases))
-
-    def do(
-        self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None
-    ) -> list[TaskResult]:
-        """Do all tasks, case by case, whose results the ``store`` keeps, and return these."""
-        place, tasks = store or Store(), [task for case in self.cases for task in case.tasks]
-        place.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
-        return solve_all("simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place)
-
-    def join(self, found: Sequence[TaskResult]) -> Dataset:
-        """Return the data set from the results of all tasks.
-
-        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its ``reached`` is the data set of the
-        loads before.
-        """
-        left = iter(found)
-        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.cases]
-        dataset = fill(self.frame, self.grid, self.cases, [drop_marks(part) for part in parts])
-        places = find_reached(parts, dataset.sizes["load"])
-        if len(places) < dataset.sizes["load"]:
-            error = explain_end(parts)
-            error.reached = dataset.isel(load=places).assign_attrs({INCOMPLETE: str(error)})
-            raise error
-        return dataset
-
-    def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
-        """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
-        return fill(self.frame, self.grid, self.cases, [self.cases[0].observe_alone(analysis, records)])
-
-
-def _require_sound(cases: Sequence[Case]) -> None:
-    """Raise if a lattice has no sound, before anything is computed: a mechanism, or one that buckles under any load.
-
-    Of the stiffnesses of contacts it matters only which of them there are.
-    """
-    known: set[tuple[Any, ...]] = set()
-    for case in cases:
-        packing = case.packing
-        present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
-        # an array is not the lattice, and has its own forces
-        pushed = case.asked.finite_overlap and not case.medium.is_exact
-        kind = (packing.structure, present, packing.ball_motions, pushed)
-        if kind in known:
-            continue
-        known.add(kind)
-        eta, torsion, bending = present
-        lattice = ContactLattice.of(packing.structure, eta, torsion=torsion, bending=bending, motions=packing.ball_motions)
-        try:
-            lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
-        except (MechanismError, InstabilityError) as error:
-            raise type(error)(f"{case.label}: {error}") from None
 
 
 # -- paths of loads that end early -----------------------------------------------------------------------------------

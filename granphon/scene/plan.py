@@ -33,7 +33,7 @@ from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.phonons.paths import BandPath, read_paths
-from granphon.runs.cases import Asked, Case, Grid, require_arrays
+from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
@@ -71,7 +71,7 @@ class PlannedCase:
 
     @property
     def serving_media(self) -> list[ServingMedium]:
-        """The media that serve the loads, see :attr:`granphon.runs.cases.Case.serving_media`."""
+        """The media that serve the loads, see :attr:`granphon.runs.tasks.Case.serving_media`."""
         with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
             return self.case.serving_media
 
@@ -387,9 +387,10 @@ class Plan:
         self.require_waves(QUICK_BALLS)
 
     def require_waves(self, most: float = math.inf) -> None:
-        """Raise if it is known that arrays of up to ``most`` balls have not the waves that are observed.
+        """Raise if it is known that arrays have not the waves that are observed.
 
-        Nothing is simulated; arrays of more than a hundred thousand balls take seconds.
+        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is simulated; those of more than
+        a hundred thousand balls take seconds.
         """
         wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None):

@@ -210,7 +210,7 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
         return Run.of(name, WidthFit.from_dict(read_yaml(have["fit.yaml"])))
     dataset = bands = dos = None
     if "sweep.nc" in have:
-        from granphon.runs.archive import load_sweep
+        from granphon.runs.dataset import load_sweep
 
         dataset = load_sweep(have["sweep.nc"])
     if "band.yaml" in have:

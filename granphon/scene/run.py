@@ -33,6 +33,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -51,9 +52,10 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
+from granphon.runs.dataset import SweepRun, load_sweep, write_sweep, write_waves
 from granphon.runs.samples import SampleRecord
 from granphon.runs.store import TaskResult, open_store
-from granphon.runs.sweep import SweepRun, keep_incomplete
+from granphon.runs.sweep import keep_incomplete
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -327,22 +329,21 @@ def run(
     drawn = drawn if figures else ()
     every = (*names, *drawn)
     if resume and not force and is_complete(scene, target):
-        from granphon.runs.archive import load_sweep
-
         there = tuple(target / name for name in every if (target / name).exists())
         return RunResult(scene, target, load_sweep(target / "sweep.nc"), files=there)
     scene.require_waves()
-    text = scene.to_yaml()
+    text, kept = scene.to_yaml(), target / WORK_FILE
     with (
         ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
-        open_store(target / WORK_FILE, force) as store,
+        # a state that is found at once keeps no parts, but those of another run are not to stand beside it
+        open_store(kept, force) if scene.has_tasks or os.path.lexists(kept) else nullcontext() as store,
     ):
         with scene.place_errors():
             work, parts = SweepRun.of(scene.case_grid, **scene.bands), list[TaskResult]()
             try:
                 if scene.has_tasks:
                     parts = work.do(executor, progress, store)
-                else:
+                elif store is not None:
                     store.claim(None)
                 if not scene.is_single:
                     result = RunResult(scene, target, work.join(parts))
@@ -352,7 +353,7 @@ def run(
                     with scene.origin.where_it_buckles():
                         result = _describe_alone(scene, target, work, state, parts, progress)
             except GranphonError as error:
-                if error.reached is None:
+                if error.reached is None or store is None:
                     raise
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
         others = ("ase", "phonopy", "spglib") if result.phonons is not None else ("ase",) * (result.waves is not None)
@@ -432,12 +433,8 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case _ if name in result.left_out:
                 continue
             case "sweep.nc":  # and sweep.csv beside it
-                from granphon.runs.archive import write_sweep
-
                 write_sweep(result.dataset, path)
             case "sweep_dos.csv" | "sweep_spectra.csv":
-                from granphon.runs.archive import write_waves
-
                 write_waves(result.dataset, path)
             case "band.yaml":
                 result.bands.write(path)

@@ -28,7 +28,7 @@ from granphon.base.tables import Table
 from granphon.base.text import canonical, digest, dump_yaml, parse_yaml, plain_yaml, read_bytes, read_sealed, seal
 from granphon.cli.commands import main
 from granphon.fits.measurements import Measurements
-from granphon.runs import archive
+from granphon.runs import dataset
 from granphon.runs.store import Store, _seal, encode
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -192,7 +192,7 @@ def test_a_netcdf_file_reads_no_other_file(written, tmp_path, how):
         gp.load_sweep(tmp_path / "sweep.nc")
     # nor one that whoever made it has given a digest
     raw = (tmp_path / "sweep.nc").read_bytes()
-    (tmp_path / "sweep.nc").write_bytes(raw + archive._TRAILER + hashlib.sha256(raw).hexdigest().encode())
+    (tmp_path / "sweep.nc").write_bytes(raw + dataset._TRAILER + hashlib.sha256(raw).hexdigest().encode())
     with pytest.raises(InputError, match="refers to another file"):
         gp.load_sweep(tmp_path / "sweep.nc")
 
@@ -432,9 +432,9 @@ def test_a_sweep_is_known_by_two_digests(written, tmp_path):
     ],
 )
 def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, monkeypatch, name, value, told):
-    monkeypatch.setattr(archive, "_try_elsewhere", lambda *_: None)  # the file is sound: only its numbers are not
+    monkeypatch.setattr(dataset, "_try_elsewhere", lambda *_: None)  # the file is sound: only its numbers are not
     path, sweep = tmp_path / "sweep.nc", xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
-    del sweep.attrs[archive.DIGEST]
+    del sweep.attrs[dataset.DIGEST]
     if name in sweep.attrs:
         sweep.attrs[name] = value
     elif isinstance(value, str):
@@ -443,7 +443,7 @@ def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, monkeypatch, na
         values = sweep[name].values.copy()
         values[-1] = value
         sweep[name] = sweep[name].dims, values
-    path.write_bytes(archive.netcdf_bytes(sweep))
+    path.write_bytes(dataset.netcdf_bytes(sweep))
     if told is None:
         assert outcome(gp.load_sweep, path)[0] == "unverified"
     else:
@@ -475,7 +475,7 @@ def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch)
     ):
         with monkeypatch.context() as patched:
             for name, value in (("_TRIAL", trial), ("TRIAL_SECONDS", 1.0 if "sleep" in trial else 100.0)):
-                patched.setattr(archive, name, value)
+                patched.setattr(dataset, name, value)
             with pytest.raises(InputError, match=words):
                 gp.load_sweep(path)
 
@@ -640,7 +640,7 @@ def self_standing(raw, seed):
 @pytest.mark.parametrize(
     ("start", "said", "seconds"),
     [
-        (300, "HDF5 fails on it", archive.TRIAL_SECONDS),
+        (300, "HDF5 fails on it", dataset.TRIAL_SECONDS),
         # with this one HDF5 is busy for minutes, or until the process that tries it is stopped
         pytest.param(600, "cannot be read", 3.0, marks=pytest.mark.exhaustive),
     ],
@@ -650,8 +650,8 @@ def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path, start, said, seconds
     raw = bytearray((written / "sweep.nc").read_bytes()[:-101])
     raw[start : start + 900] = bytes(900)
     (tmp_path / "sweep.nc").write_bytes(raw)
-    command = "import sys; from granphon.cli.commands import main; from granphon.runs import archive; "
-    command += f"archive.TRIAL_SECONDS = {seconds}; sys.exit(main(sys.argv[1:]))"
+    command = "import sys; from granphon.cli.commands import main; from granphon.runs import dataset; "
+    command += f"dataset.TRIAL_SECONDS = {seconds}; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
         [sys.executable, "-c", command, "plot", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False
     )

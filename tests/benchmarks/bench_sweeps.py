@@ -20,8 +20,8 @@ from side_by_side import Part, Row
 
 import granphon as gp
 from granphon.runs.execution import solve_all
-from granphon.runs.schedulers import open_executor
 from granphon.runs.store import Store
+from granphon.runs.workers import open_executor
 
 #: the workers, by the words of the table
 WORKERS: dict[str, dict[str, Any]] = {"--workers 2": {"workers": 2}, "--scheduler local:2": {"scheduler": "local:2"}}

@@ -24,7 +24,7 @@ from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
 from granphon.media.choice import MediumChoice, even_shape, read_medium, sort_options
 from granphon.media.left_out import expect_shear_deficit
-from granphon.runs.archive import load_sweep
+from granphon.runs.dataset import load_sweep
 from granphon.runs.sweep import sweep
 from granphon.scene.scene import Scene
 

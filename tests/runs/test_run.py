@@ -26,7 +26,7 @@ from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.commands import main
 from granphon.cli.wording import write_uncertain
-from granphon.runs.archive import load_sweep
+from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
@@ -711,7 +711,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     ("where", "error", "code"),
     [
         ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
-        ("granphon.runs.archive._write_rows", OSError(28, "No space left on device"), 1),
+        ("granphon.runs.dataset._write_rows", OSError(28, "No space left on device"), 1),
     ],
 )
 def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monkeypatch, capsys, where, error, code):
@@ -924,7 +924,7 @@ HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_to
     ],
 )  # fmt: skip
 def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
-    from granphon.runs.sweep import SweepRun
+    from granphon.runs.dataset import SweepRun
 
     text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
     text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")

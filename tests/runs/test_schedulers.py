@@ -24,12 +24,11 @@ import pytest
 import granphon as gp
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MissingFileError, OutputError, SceneError
 from granphon.cli.commands import main
-from granphon.runs import execution, schedulers
+from granphon.runs import execution, workers
 from granphon.runs.execution import solve_all
-from granphon.runs.schedulers import open_executor, require_workers
 from granphon.runs.store import Store, read_entries
 from granphon.runs.sweep import sweep
-from granphon.runs.workers import Workers, packages, require_packages
+from granphon.runs.workers import Workers, open_executor, packages, require_packages, require_workers
 
 distributed = pytest.importorskip("distributed")
 
@@ -80,7 +79,7 @@ def client():
     """A client of two worker processes."""
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, memory_limit="1 GB", scheduler_kwargs=schedulers._NO_DASHBOARD
+            n_workers=2, threads_per_worker=1, memory_limit="1 GB", scheduler_kwargs=workers._NO_DASHBOARD
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -90,7 +89,7 @@ def client():
 @pytest.fixture
 def impatient(monkeypatch):
     """A scheduler that does not answer is waited for no longer than this."""
-    monkeypatch.setattr(schedulers, "_ANSWER_SECONDS", 0.5)
+    monkeypatch.setattr(workers, "_ANSWER_SECONDS", 0.5)
 
 
 @pytest.fixture
@@ -298,8 +297,8 @@ def test_addresses(text):
 
 @pytest.mark.parametrize("package", ["distributed", "cryptography"])
 def test_without_what_it_needs_the_message_says_what_to_install(monkeypatch, package):
-    real = schedulers.find_spec
-    monkeypatch.setattr(schedulers, "find_spec", lambda name: None if name == package else real(name))
+    real = workers.find_spec
+    monkeypatch.setattr(workers, "find_spec", lambda name: None if name == package else real(name))
     told = rf"^{package} is not installed.*pip install 'granphon\[distributed\]'"
     with pytest.raises(InputError, match=told), open_executor(scheduler="local:2"):
         pass
@@ -327,16 +326,16 @@ def first_words(address, context=None):
 def test_a_local_scheduler_takes_nobody_without_its_certificate():
     pytest.importorskip("cryptography")
     before = set(sys.path)
-    with schedulers._start_cluster(2) as cluster:
+    with workers._start_cluster(2) as cluster:
         own, other = (one.get_connection_args("client") for one in (cluster.security, distributed.Security.temporary()))
         nameless = ssl.create_default_context()
         for context in (nameless, other["ssl_context"]):  # a stranger takes any server
             context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-        with schedulers._connect(cluster.scheduler_address, "the local scheduler", cluster.security) as client:
+        with workers._connect(cluster.scheduler_address, "the local scheduler", cluster.security) as client:
             client.wait_for_workers(2, timeout=60)
-            workers = client.scheduler_info()["workers"]
-            pages = [cluster.scheduler.http_server.port, *(one["services"]["dashboard"] for one in workers.values())]
-            addresses = [cluster.scheduler_address, *workers, *(one["nanny"] for one in workers.values())]
+            known = client.scheduler_info()["workers"]
+            pages = [cluster.scheduler.http_server.port, *(one["services"]["dashboard"] for one in known.values())]
+            addresses = [cluster.scheduler_address, *known, *(one["nanny"] for one in known.values())]
             assert len(addresses) == 5
             for address in addresses:
                 assert address.startswith("tls://127.0.0.1:")
@@ -526,6 +525,6 @@ def test_another_service_that_is_silent_is_one_clear_error():
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         with (
             pytest.raises(GranphonError, match=f"the scheduler at {address} cannot be reached"),
-            schedulers.open_executor(scheduler=address),
+            workers.open_executor(scheduler=address),
         ):
             pass

@@ -7,7 +7,7 @@ import pytest
 
 import granphon as gp
 from granphon.media.loaded_lattice import ideal_lattice
-from granphon.runs.archive import load_sweep
+from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.scene.redraw import redraw
 from granphon.scene.run import WORK_FILE, expected_files

@@ -36,7 +36,7 @@ from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
 from granphon.runs import store as stores
-from granphon.runs.archive import load_sweep
+from granphon.runs.dataset import load_sweep
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, decode, encode, read_entries
 from granphon.runs.sweep import sweep

@@ -22,7 +22,7 @@ from granphon.cli.scenes import PRESETS
 from granphon.cli.wording import describe_result, describe_scene
 from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.paths import BandPath
-from granphon.runs import archive
+from granphon.runs import dataset
 from granphon.scene.run import is_complete
 from granphon.scene.scene import Scene
 
@@ -660,7 +660,7 @@ def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp
     ]
     assert data.equals(gp.load_sweep(tmp_path / "sweep.nc"))
     # a file that another program has rewritten is not damaged by what is nan
-    (tmp_path / "copy.nc").write_bytes(archive.netcdf_bytes(data))
+    (tmp_path / "copy.nc").write_bytes(dataset.netcdf_bytes(data))
     with pytest.warns(UnverifiedFileWarning):
         assert data.equals(gp.load_sweep(tmp_path / "copy.nc"))
     figure = sweep_figure(data)
