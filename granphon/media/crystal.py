@@ -988,14 +988,11 @@ class CrystalState:
 
     @property
     def scales(self) -> Units:
-        """Reduced units at one load: the mean diameter, the mean stiffness of contacts that have one, and the mean mass.
+        """Reduced units at one load, those of the :attr:`network`.
 
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
-        self._require_single()
-        k = self.normal_stiffness
-        crystal = self.crystal
-        return Units(2.0 * float(np.mean(crystal.radii)), float(np.mean(k[k > 0.0])), float(np.mean(crystal.masses)))
+        return self.network.scales
 
     def _require_single(self) -> None:
         if not self.is_single:

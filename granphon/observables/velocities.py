@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,8 @@ from granphon.media.state import ContactState, State
 from granphon.observables.validity import find_warnings
 
 Array = NDArray[np.float64]
+#: a result of several loads
+Found = TypeVar("Found", "SoundVelocities", "Moduli")
 #: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding
 _EVEN = 1e-10
 #: what to use in place of the moduli of an isotropic lattice
@@ -152,6 +155,8 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
+    if _has_networks(state):
+        return _join_loads(state.shape, [sound_velocities(state[at], direction) for at in np.ndindex(state.shape)])
     state = as_state(state)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names, (v, vectors) = state.wave_names, state.polarised_waves(along)
@@ -176,6 +181,23 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
         twist=twist,
     )  # fmt: skip
+
+
+def _has_networks(state: Any) -> bool:
+    """Whether a state is that of a crystal at several loads, each of which has a network of its own."""
+    return not isinstance(state, State) and not getattr(state, "is_single", True)
+
+
+def _join_loads(shape: tuple[int, ...], found: Sequence[Found]) -> Found:
+    """Return results at single loads as one result with the ``shape`` of the load in front."""
+    first = found[0]
+    joined: dict[str, Any] = {"warnings": tuple(dict.fromkeys(text for one in found for text in one.warnings))}
+    for name, layout in first._shapes.items():
+        if layout.startswith("...") and getattr(first, name) is not None:
+            values = np.stack([np.asarray(getattr(one, name)) for one in found])
+            joined[name] = values.reshape(*shape, *values.shape[1:])
+    joined |= {name: all(getattr(one, name) for one in found) for name in ("isotropic", "cubic") if hasattr(first, name)}
+    return replace(first, **joined)
 
 
 def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
@@ -387,6 +409,8 @@ def moduli(state: Any) -> Moduli:
     equation (16) still holds. Under a static stress that is no pressure, as in a network with ``prestress``, the tensor of
     these coefficients is not symmetric.
     """
+    if _has_networks(state):
+        return _join_loads(state.shape, [moduli(state[at]) for at in np.ndindex(state.shape)])
     state = as_state(state)
     errors: dict[str, Any] = {}
     tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes

@@ -754,3 +754,21 @@ def test_crystals_that_do_not_fit_into_memory_are_refused():
         crystal.repeat((1000, 1000, 1000))
     with pytest.raises(InputError, match="27,000,000 balls"):
         crystal.repeat((3, 3, 3)).cut(0, 1_000_000)
+
+
+def test_velocities_and_moduli_take_several_loads():
+    """Those of each load, with the axes of the load in front."""
+    states = gp.Crystal.on("NaCl", [PLAIN, gp.Ball(ALUMINIUM, PLAIN.diameter)]).at_force([[1.0, 5.0, 20.0]])
+    ways = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
+    sound, elastic = gp.sound_velocities(states, ways), gp.moduli(states)
+    assert sound.velocities.shape == (1, 3, 2, 3)
+    assert sound.longitudinal.shape == (1, 3, 2)
+    assert elastic.tensor.shape == (1, 3, 6, 6)
+    assert elastic.cubic
+    for at in range(3):
+        alone = states[0, at]
+        assert_allclose(sound.velocities[0, at], gp.sound_velocities(alone, ways).velocities, rtol=1e-15)
+        assert_allclose(elastic.bulk[0, at], gp.moduli(alone).bulk, rtol=1e-15)
+    assert_allclose(
+        sound.longitudinal[0, 1:] / sound.longitudinal[0, :1], [[5 ** (1 / 6)] * 2, [20 ** (1 / 6)] * 2], rtol=1e-12
+    )
