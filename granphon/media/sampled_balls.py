@@ -216,6 +216,11 @@ class SampledBalls:
         ]
 
     @property
+    def floats(self) -> bool:
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        return self.history.is_loaded and self.history.from_gas and not self.ratio
+
+    @property
     def resists_slip(self) -> bool:
         """Whether contacts have springs against slip under sound: not where all of them slide, as mu is zero."""
         all_slide = self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
