@@ -111,11 +111,12 @@ PACKINGS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "options"), PACKINGS, ids=str)
-@pytest.mark.parametrize("finite_overlap", [False, True])
+@pytest.mark.parametrize(
+    ("name", "options", "finite_overlap"),
+    [(*one, finite) for one in PACKINGS for finite in (False, True) if not (finite and "motions" in one[1])],  # these buckle
+    ids=str,
+)
 def test_the_network_of_a_state_has_the_numbers_of_its_lattice(name, options, finite_overlap):
-    if finite_overlap and options.get("motions"):
-        pytest.skip("flat layers buckle")
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=name, **options)).at_force(
         10.0, finite_overlap=finite_overlap
     )
