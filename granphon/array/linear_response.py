@@ -145,12 +145,13 @@ def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) ->
     def tabulate() -> Iterator[Array]:
         return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
 
+    # the product of a symmetric matrix is made of its rows: an assembled one has rounding along motions that nothing holds,
+    # which may count as curvature below zero
+    table = np.array(list(tabulate())) if symmetric else None
+    product = None if table is None else frame.couple(table)
     matrix: Any = None
-    product = None
     if small if symmetric else few:
-        matrix = compose_hessian(frame, np.array(list(tabulate())))
-    elif symmetric:
-        product = frame.couple(np.array(list(tabulate())))
+        matrix = compose_hessian(frame, np.array(list(tabulate())) if table is None else table)
     held = None if matrix is None else matrix + _HOLDING * stiff * eye_array(matrix.shape[0], format="csc")
 
     def offer_inverses() -> Iterator[tuple[Inverse, int]]:
@@ -175,7 +176,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) ->
         if product is not None:
             return np.ravel(product(vector.reshape(shape), None)[0])
         if held is not None:
-            return np.asarray((matrix if symmetric else held) @ vector)
+            return np.asarray(held @ vector)
         motion = Motion(vector.reshape(shape), 0.0)
         change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
         return np.ravel(change) + _HOLDING * stiff * vector

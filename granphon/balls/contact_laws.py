@@ -473,6 +473,8 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
 
     Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods.
     """
+    if isinstance(law, type):
+        raise InputError(message(f"the contact law is the class {law.__name__}", mend=f"Give a law, as {law.__name__}(...)"))
     found = law.between(ball, other) if hasattr(law, "between") else law
     if lacking := [name for name in _METHODS if not callable(getattr(found, name, None))]:
         what = f"the contact law {brief(law)} has no method {', '.join(lacking)}"

@@ -97,6 +97,8 @@ def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
 
 def _list_steps(cell: Array, radius: float, reach: Array) -> NDArray[np.intp]:
     """:func:`steps_within`, of no more steps along each vector than ``reach`` (p,)."""
+    if not len(cell):
+        return np.zeros((1, 0), np.intp)  # a cluster has no images
     ranges = [np.arange(-r, r + 1) for r in reach.astype(int)]
     steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(cell))
     return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
@@ -110,6 +112,8 @@ def _reach(cell: Array, radius: float) -> Array:
 
 def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
     """(n,) whether to keep each row of a list in which every contact was found from both ends, so that each counts once."""
+    if not shift.shape[1]:
+        return i < j
     leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
     return np.asarray((i < j) | ((i == j) & (leading > 0)))
 
@@ -209,8 +213,7 @@ def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tupl
         return found[0], found[1], steps[found[2]], delta[found]
     from scipy.spatial import cKDTree  # here alone: the lattices that have a name need no scipy
 
-    ranges = [np.arange(-r, r + 1) for r in reach.astype(int)]
-    steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, p).astype(np.intp)
+    steps = _list_steps(cell, math.inf, reach)
     steps = steps[np.argsort(np.any(steps, axis=1), kind="stable")]  # the cell itself first
     inverse = np.linalg.pinv(cell)
     fractions, margin = positions @ inverse, longest * np.linalg.norm(inverse, axis=0)

@@ -477,21 +477,20 @@ class Crystal:
         laws: list[PairLaw] = []
         checked: set[int] = set()
         if isinstance(self.law, Mapping):
-            known = {*self.names, RIGID_PLANE.name}
+            # a law may also name kinds that are not there, or no more: a defect may bring one
             for key in self.law:
                 if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
                     raise InputError(message(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")'))
-                if wrong := [one for one in key if one not in known]:
-                    what = f"law names the kind {wrong[0]!r}"
-                    raise InputError(message(what, mend=f"The kinds are {', '.join(self.names)}"))
+                if key != key[::-1] and key[::-1] in self.law and self.law[key] != self.law[key[::-1]]:
+                    raise InputError(message(f"law has two laws for contacts of {key}", mend="Give one, in either order"))
         for ball, other, one, two in pairs:
             law = self.law
             if isinstance(law, Mapping):
                 law = law.get((one, two), law.get((two, one)))
                 if law is None:
                     missing = [f"({a!r}, {b!r})" for _, _, a, b in pairs if {(a, b), (b, a)}.isdisjoint(self.law)]
-                    what = f"law has none for contacts of {', '.join(missing)}"
-                    raise InputError(message(what, mend="Give one for each pair of kinds that touch"))
+                    what, why = f"law has none for contacts of {', '.join(missing)}", f"It has {brief(list(self.law))}"
+                    raise InputError(message(what, why, "Give one for each pair of kinds that touch"))
             found = law_between(law, ball, other)
             if id(found) not in checked:
                 check_law(found, ContactConstants.of(ball, other).radius)
@@ -776,9 +775,13 @@ class Crystal:
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
         given, field = finite_array(kind, values), self._read_gravity(gravity)
-        if np.any(given <= 0.0) and not self.springs.adhere:
+        if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
-            raise InputError(message(f"{kind} is {word}", "One-sided contacts carry no tension", f"Give {kind} above zero"))
+            why, mend = "One-sided contacts carry no tension", f"Give {kind} above zero"
+            if self.springs.adhere:
+                why = "A mean of contacts that adhere has no one pressure there"
+                mend = "Use at_pressure, which may be zero or below"
+            raise InputError(message(f"{kind} is {word}", why, mend))
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self.springs
         with _in_double_precision(given):

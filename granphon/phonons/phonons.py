@@ -51,6 +51,8 @@ _MESHES = ((1024,), (64, 64), (32, 32, 32))
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
 _NO_GAP = 1e-6
+#: gaps narrower than this part of the top frequency may be branches that cross: their edges are looked at closely
+_NARROW = 1e-2
 #: number of points of the mesh from which an edge of a band is sought, and of steps at most
 _STARTS, _TURNS = 6, 30
 #: number of branches beyond which it is sought from fewer points, as many edges are near
@@ -388,7 +390,14 @@ class Phonons:
         starts, (edges, several) = self.lattice.wavevectors(q[order]).reshape(-1, p), order.shape
         reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
         best = self._climb(starts, np.repeat(branch, several), np.repeat(sign, several), reach)
-        edge = sign * best.reshape(edges, several).max(axis=1)
+        best = best.reshape(edges, several).max(axis=1)
+        # branches that cross at a point of their own make a cone, up which there is no way along group velocities
+        width = -best[edges - len(gaps) :][gaps > 0] - best[: edges - len(gaps)]
+        for at in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
+            place = at if at < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[at - len(width)]
+            near = starts[place * several : (place + 1) * several]
+            best[place] = max(best[place], *(self._zoom(one, branch[place], sign[place], reach) for one in near))
+        edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
         lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
         found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
@@ -417,6 +426,17 @@ class Phonons:
             left = left[step > _LEVEL]
             if not left.size:
                 break
+        return best
+
+    def _zoom(self, wavevector: Array, branch: int, sign: float, reach: float) -> float:
+        """Return the highest frequency times ``sign`` of a branch about a wave vector (p,), 1/d, on ever finer meshes."""
+        offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * self._periods), axis=-1).reshape(-1, self._periods)
+        q, best = wavevector, -np.inf
+        while reach > _LEVEL:
+            values = sign * self.lattice.frequencies(q + reach * offsets)[:, branch]
+            place = int(np.argmax(values))
+            best, q = max(best, float(values[place])), q + reach * offsets[place]
+            reach *= 0.7 if np.max(np.abs(offsets[place])) < 1.0 else 0.95
         return best
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:

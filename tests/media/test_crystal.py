@@ -238,7 +238,7 @@ def test_laws_by_pairs_of_kinds():
     assert_allclose(state.overlap[pairs[1, 2]], gp.Hertz().between(A, third).overlap(3.0), rtol=1e-12)
     with pytest.raises(InputError, match=r"law has none for contacts of \('B', 'C'\)"):
         gp.Crystal.on("chain", [S, A, third], law={("A", "B"): gp.Hertz(), ("A", "C"): gp.Hertz()})
-    with pytest.raises(InputError, match="law names the kind 'D'"):
+    with pytest.raises(InputError, match=r"law has none for contacts of \('A', 'B'\). It has \[\('A', 'D'\)\]"):
         gp.Crystal.on("chain", [S, A], law={("A", "D"): gp.Hertz()})
 
 
@@ -772,3 +772,31 @@ def test_velocities_and_moduli_take_several_loads():
     assert_allclose(
         sound.longitudinal[0, 1:] / sound.longitudinal[0, :1], [[5 ** (1 / 6)] * 2, [20 ** (1 / 6)] * 2], rtol=1e-12
     )
+
+
+def test_balls_without_periods_are_a_cluster():
+    side = PLAIN.diameter
+    cluster = gp.Crystal([PLAIN] * 3, [], [[0.0, 0.0], [side, 0.0], [side / 2.0, side * 3.0**0.5 / 2.0]])
+    assert (cluster.periods, cluster.n_contacts) == (0, 3)
+    with pytest.raises(InputError, match="neither periods nor faces"):
+        cluster.at_force(1.0)
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-6])
+def test_contacts_that_adhere_have_no_mean_force_or_overlap_at_or_below_zero(value):
+    crystal = gp.Crystal.on("chain", [PLAIN], law=gp.JKR(0.1))
+    for find in (crystal.at_force, crystal.at_overlap):
+        with pytest.raises(InputError, match="Use at_pressure"):
+            find(value)
+    assert_allclose(crystal.at_pressure(value).normal_force, value, atol=1e-12)
+
+
+def test_laws_of_pairs_may_name_a_defect_and_name_each_pair_once():
+    one, heavy = gp.Ball(STEEL, 8e-3, name="steel"), gp.Ball(STEEL, 8e-3, mass=0.05, name="heavy")
+    laws = {("steel", "steel"): gp.Hertz(), ("heavy", "steel"): gp.PowerLaw(1.0, 1e7)}
+    state = gp.Crystal.on("triangular", [one], law=laws).repeat((3, 3)).replace(4, heavy).at_force(1.0)
+    assert np.count_nonzero(np.isclose(state.normal_stiffness, 1e7)) == 6
+    with pytest.raises(InputError, match="two laws for contacts of"):
+        gp.Crystal.on("triangular", [one], law=laws | {("steel", "heavy"): gp.Hertz()})
+    with pytest.raises(InputError, match=r"is the class Hertz. Give a law, as Hertz\(...\)"):
+        gp.Crystal.on("triangular", [one], law=gp.Hertz)

@@ -158,6 +158,12 @@ def test_there_is_no_gap_where_branches_touch():
     assert gp.Phonons(at_overlap(1e-3, lattice="honeycomb").network.repeat((2, 1))).gaps(mesh=(5, 7)).shape[1] == 2
 
 
+@pytest.mark.parametrize(("lattice", "count"), [("honeycomb", 0), ("kagome", 1)])
+def test_branches_that_cross_away_from_the_mesh_leave_no_gap(lattice, count):
+    ball = gp.Ball(STEEL, 8e-3)
+    assert len(gp.Phonons(gp.Crystal.on(lattice, [ball]).at_force(1.0)).gaps()) == count
+
+
 def test_edges_of_gaps_are_found_between_the_points_of_the_mesh():
     ph = gp.Phonons(random_network("triangular", (2, 2), seed=4))
     coarse, fine = ph.gaps(mesh=(16, 16)), ph.gaps(mesh=(61, 61))
