@@ -77,9 +77,8 @@ _ASIDE = 1e-2
 _MOST_SADDLES = 50
 #: part of the error of a response to random forces that is left when the curvature has been probed
 _PROBED = 1e-6
-#: iterations of conjugate gradients that probe the curvature of arrays in a plane, after which factors are tried; and the
-#: balls of an array, at most, whose factors are tried at once
-_PROBE_PATIENCE, _PROBED_AT_ONCE = 40, 2**11
+#: iterations of conjugate gradients that probe the curvature, after which factors are tried
+_PROBE_PATIENCE = 200
 #: the same, at most
 _PROBE_STEPS = 20_000
 #: curvature below zero, over that of the same contacts if they moved along their directions, that may be rounding
@@ -152,22 +151,17 @@ class TrueEquilibrium(Equilibrium):
         return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
 
     def find_negative_curvature(
-        self, choose: Callable[[], Inverse], patience: int | None = None
+        self, choose: Callable[[], Inverse], patience: int = _PROBE_PATIENCE
     ) -> tuple[Array | None, int]:
         """Return a motion of the balls along which the curvature of the energy is below zero, None if there is none.
 
         The overlap y is kept. Conjugate gradients look for the response to random forces, of which each contact bears as
         much energy along its direction as across; while they do, they meet such a motion. The number is that of iterations;
-        ``choose`` returns a preconditioner. After ``patience`` iterations factors are tried, where they are small; by
-        default at once if they take less time than the iterations: of few balls, or where many contacts are open.
+        ``choose`` returns a preconditioner. After ``patience`` iterations factors are tried, where they are small. They do
+        not come first: their pivots allow for rounding, within which the response may meet a curvature below zero.
         """
         acting, balls = self._act(min(self.residual, _LEAST_TOLERANCE)), self.deviations.size
         may_factorise = len(self.stencils.shape) == 2 and balls <= MOST_BALLS[1]
-        if patience is None:
-            closed = float(np.mean(acting.springs > 0.0))
-            patience = 0 if balls <= _PROBED_AT_ONCE or closed <= _MOST_STIFF else _PROBE_PATIENCE
-        if may_factorise and not patience and self._has_pivots_above_zero(acting):
-            return None, 0
         down, generator, taken = list[Array](), np.random.default_rng(0), 0
         along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
         push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
