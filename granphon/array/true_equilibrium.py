@@ -179,7 +179,7 @@ class TrueEquilibrium(Equilibrium):
             return change
 
         right = np.ravel(self.place.geometry.join((push[0], push[1], push[2]), *_STILL))
-        for limit in (patience, _PROBE_STEPS) if may_factorise and patience else (_PROBE_STEPS,):
+        for limit in (patience, _PROBE_STEPS) if may_factorise else (_PROBE_STEPS,):
             _, more, _ = conjugate_gradients(
                 apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, limit
             )

@@ -362,6 +362,13 @@ def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed, patience):
             assert np.ravel(way) @ matrix @ np.ravel(way) < 0.0
 
 
+def test_a_state_whose_pivots_are_rounding_has_a_response(steel):
+    """A curvature there is below zero by less than factors count as rounding; conjugate gradients find the way down."""
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, (40, 40), 1).at_force(0.006 * packing.width_units.force)
+    assert state.normal_stiffness > 0.0
+
+
 #: size, seed and f* at which balls came to rest at a saddle
 SADDLES = [(32, 6, 0.025), (24, 2, 0.025), (24, 6, 0.005), (32, 0, 0.012), (32, 5, 0.012)]
 
