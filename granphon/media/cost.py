@@ -353,7 +353,7 @@ def bands(points: int, branches: int) -> Cost:
     """
     square = branches * branches
     what = f"bands at {points:,} wave vectors"
-    return Cost(kept=points * (2000.0 + 280.0 * square), known=1e-6 * points * (110.0 + 12.0 * square), parts=(what,))
+    return Cost(kept=points * (2000.0 + 295.0 * square), known=1e-6 * points * (110.0 + 12.0 * square), parts=(what,))
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:

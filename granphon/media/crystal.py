@@ -162,7 +162,7 @@ class Crystal:
         for key, value in values.items():
             kept = read_only(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, key, kept)
-        _ = self.springs  # the laws of all pairs are there
+        _ = self._springs  # the laws of all pairs are there
 
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
@@ -471,7 +471,7 @@ class Crystal:
         return pairs, number.astype(np.intp)
 
     @cached_property
-    def springs(self) -> Springs:
+    def _springs(self) -> Springs:
         """The law of each contact."""
         pairs, number = self._pairs
         laws: list[PairLaw] = []
@@ -597,7 +597,7 @@ class Crystal:
         """
         values = finite_array("pressure", pressure)
         field = self._read_gravity(gravity)
-        adhere = self.springs.adhere
+        adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(message(what, "One-sided contacts carry no tension", "Give a pressure above zero"))
@@ -778,12 +778,12 @@ class Crystal:
         if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
             why, mend = "One-sided contacts carry no tension", f"Give {kind} above zero"
-            if self.springs.adhere:
+            if self._springs.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(message(f"{kind} is {word}", why, mend))
         follows = read_finite_overlap(finite_overlap)
-        frame, springs = self._frame[0], self.springs
+        frame, springs = self._frame[0], self._springs
         with _in_double_precision(given):
             each = [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()]
             return self._stack(given, each, 0, follows)
@@ -836,7 +836,7 @@ class Crystal:
     def _solve_each(self, values: Array, make: Any, finite_overlap: bool | None, rank: int = 0) -> CrystalState:
         """Return the state at each load: ``make`` makes the load of a value, or of a tensor of ``rank`` 2."""
         follows = read_finite_overlap(finite_overlap)
-        frame, springs = self._frame[0], self.springs
+        frame, springs = self._frame[0], self._springs
         found = []
         flat = values.reshape(-1, *values.shape[values.ndim - rank :]) if rank else values.ravel()
         with _in_double_precision(values):
@@ -850,7 +850,7 @@ class Crystal:
         """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes are those of one."""
         frame, place, rider = self._frame
         lead = values.shape[: values.ndim - rank]
-        d, p, springs = self.dimension, self.periods, self.springs
+        d, p, springs = self.dimension, self.periods, self._springs
         moved = np.zeros((len(found), self.n_balls, d))
         ways = np.zeros((len(found), len(frame.walls)))
         strain, stress = np.zeros((2, len(found), p, p))
@@ -981,7 +981,7 @@ class CrystalState:
         for at in np.ndindex(self.shape):
             force, k = self.normal_force[at], self.normal_stiffness[at]
             live = k > 0.0
-            slope = self.crystal.springs.stiffness_slope(self.overlap[at])
+            slope = self.crystal._springs.stiffness_slope(self.overlap[at])
             each = 0.5 * (force[live] / k[live]) * (slope[live] / k[live])
             if np.ptp(each) > _SAME_EXPONENT:
                 what = f"the exponents of contacts differ, from {np.min(each):.6g} to {np.max(each):.6g}"
@@ -1020,7 +1020,7 @@ class CrystalState:
                 "contact_radius", np.asarray(ratio <= MOST_CONTACT_RADIUS),
             )
         ]  # fmt: skip
-        over = np.all(self.overlap <= crystal.springs.most, axis=-1)
+        over = np.all(self.overlap <= crystal._springs.most, axis=-1)
         out.append(
             ("an overlap is beyond the table of its contact law, which goes on as a power", "table", np.asarray(over))
         )
@@ -1102,7 +1102,7 @@ class CrystalState:
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
             motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
-            adhesive=crystal.springs.adhere, **own,
+            adhesive=crystal._springs.adhere, **own,
         )  # fmt: skip
 
 
