@@ -82,12 +82,11 @@ class Crystal:
         An empty list for a cluster without periods.
     positions : (n, d) centres, m.
     law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
-    pairs
-        of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the methods of
-        :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives once.
+        pairs of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the
+        methods of :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives
+        once.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
-    where
-        the contact radius a of any law is that of its stiffness k = 2 E* a.
+        where the contact radius a of any law is that of its stiffness k = 2 E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
     torsion, bending : the stiffness of a contact against twist and rolling, over k times the square of the distance of its
         two centres; or torsion="mindlin", which is (16/3) a^3 over the sum of 1/G of both balls.
@@ -102,8 +101,8 @@ class Crystal:
     Raises
     ------
     InputError : arrays whose shapes do not fit, numbers that are not finite, balls that overlap, that miss each other by
-    less
-        than a thousandth, or that touch nothing; contacts that do not join all balls; a law that lacks a pair or a method.
+        less than a thousandth, or that touch nothing; contacts that do not join all balls; a law that lacks a pair or a
+        method.
     """
 
     kinds: tuple[Ball, ...]
@@ -322,8 +321,7 @@ class Crystal:
             their plane, one for each vector of the cell.
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
-        plane
-            touches the outer balls. One word for both, or (lower, upper).
+            plane touches the outer balls. One word for both, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
         from a plane, z from space, x from a chain. If need be the crystal is turned, so that the periods that are left lie
@@ -580,19 +578,16 @@ class Crystal:
         Parameters
         ----------
         pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. Of what was cut it acts on both
-        faces
-            too, on those that are free through their outer balls, in equal parts.
+            faces too, on those that are free through their outer balls, in equal parts.
         gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp. Then the periods keep the
-        length
-            at which balls touch, as between walls, P acts on the upper face alone, and may be zero.
+            length at which balls touch, as between walls, P acts on the upper face alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed cell, and static forces
             enter the response. By default overlaps are small, which drops terms of relative order delta/d.
 
         Raises
         ------
         InputError : a pressure that is not above zero (zero or above with gravity), gravity that nothing holds, or forces
-        that
-            contacts cannot bear.
+            that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values = finite_array("pressure", pressure)
@@ -904,8 +899,7 @@ class CrystalState:
     strain : (..., p, p) of the periods, from where balls only touch; extension is positive.
     ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m.
     finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has the places at which
-    balls
-        touch, which drops terms of relative order delta/d.
+        balls touch, which drops terms of relative order delta/d.
     """
 
     crystal: Crystal

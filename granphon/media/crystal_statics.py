@@ -125,8 +125,7 @@ class Frame:
     motion : (n_c d, N) sparse: the vectors w from the unknowns.
     dimension, periods, cell : d, p, and the cell (p, p), m.
     n_free : number of displacements among the unknowns, which come first; then the strains (of ``pairs``), as lengths in
-    units
-        of ``length``, then the ways of walls, each of ``walls`` balls.
+        units of ``length``, then the ways of walls, each of ``walls`` balls.
     """
 
     vector: Array
