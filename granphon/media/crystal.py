@@ -189,7 +189,7 @@ class Crystal:
         """
         given = [balls] if isinstance(balls, Ball) else list(balls)
         _find_kinds(given)
-        if lattice == "chain" or (isinstance(lattice, Lattice) and lattice is LATTICES["chain"]):
+        if lattice == "chain" or lattice is LATTICES["chain"]:
             steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
             places = np.concatenate([[0.0], np.cumsum(steps)])
             return cls(given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options))
@@ -267,7 +267,7 @@ class Crystal:
         ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch the same neighbours.
         """
         at = self._read_balls(index)
-        given = [self.kinds[one] for one in self.kind.tolist()]
+        given = list(self.balls)
         if not isinstance(ball, Ball):
             raise InputError(message(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball"))
         for one in at.tolist():
@@ -363,7 +363,7 @@ class Crystal:
         )  # fmt: skip
         positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
         kind, a = np.tile(self.kind, count), p - 1
-        radii = np.array([ball.radius for ball in self.kinds])[kind]
+        radii = np.tile(self.radii, count)
         faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
         outer = []
         for side, word, own in ((-1.0, words[0], 0), (1.0, words[1], count - 1)):
@@ -793,9 +793,9 @@ class Crystal:
         # the pressure of a contact force, from the virial; of a column, that force
         area = frame.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
-        pressure = size * float(np.sum(frame.distance)) / (dimension * area) if dimension else 0.0
         if not dimension:
             raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
+        pressure = size * float(np.sum(frame.distance)) / (dimension * area)
         low, high = 0.0, math.inf
         start: Rest | None = None
         last = math.inf
