@@ -179,6 +179,12 @@ class SimulatedState(SampledState):
         return np.where(self._is_exact, 1.0 - self.relative_overlap, 1.0)[()]
 
     @property
+    def floats(self) -> bool:
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        simulation = getattr(self.law, "simulation", None)
+        return simulation is not None and simulation.floats
+
+    @property
     def shear_deficit(self) -> Any:
         """Part by which the shear modulus is expected to be too small, as contacts have the directions of the lattice.
 

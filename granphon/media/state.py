@@ -360,6 +360,11 @@ class ContactState(State, Result):
         return _unwrap_scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
+    def floats(self) -> bool:
+        """Whether loose balls float in their cages, so that velocities depend on the numbering of the balls."""
+        return False
+
+    @property
     def shear_deficit(self) -> Values | None:
         """Part by which the shear modulus is expected to be too small; None where nothing is known to be left out."""
         return None

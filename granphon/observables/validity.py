@@ -310,7 +310,7 @@ def _compute_validity(state: Any) -> Validity:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if (deficit := state.shear_deficit) is not None:
         values["shear"] = deficit
-    if getattr(getattr(state.law, "simulation", None), "floats", False):
+    if state.floats:
         values["places"] = np.full(state.shape, _BY_NUMBERING)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
