@@ -67,7 +67,7 @@ class Faces(NamedTuple):
 
     axis: int
     thickness: float
-    edges: tuple[Edge, Edge]
+    edges: tuple[str, str]
     balls: tuple[Index, Index]
 
 
