@@ -181,7 +181,7 @@ class DMT(_Adhesive):
     InputError : an adhesion that is not a finite number, zero or above.
     """
 
-    def between(self, ball: Body, other: Body) -> DMTLaw:
+    def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies."""
         tension = 2.0 * math.pi * self.adhesion * ContactConstants.of(ball, other).radius
         return DMTLaw(Hertz().between(ball, other), tension)
@@ -245,7 +245,7 @@ class JKR(_Adhesive):
     InputError : an adhesion that is not a finite number, zero or above.
     """
 
-    def between(self, ball: Body, other: Body) -> JKRLaw | HertzLaw:
+    def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies: Hertz's if there is no adhesion."""
         if not self.adhesion:
             return Hertz().between(ball, other)

@@ -180,7 +180,7 @@ def _draw(
         named = {"name": run.name} if run.named else {}
         for facts, index in describe_lines(run.dataset, along):
             curves.append(read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts))
-    measured = [read_points(one, runs, across, along, balls_per_side) for one in given]
+    measured = [_read_points(one, runs, across, along, balls_per_side) for one in given]
     # what they cannot share: an axis of two units, a load that is infinite
     for which, name in enumerate((across, along)):
         units: dict[str, str] = {}
@@ -348,7 +348,7 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
     return float(np.median(ratios))
 
 
-def read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
+def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
     """Return measured velocities, read from a file if need be, as a curve."""
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":

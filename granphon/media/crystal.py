@@ -59,7 +59,7 @@ _SAME_EXPONENT = 1e-9
 _YIELD = 1.07
 
 
-class Faces(NamedTuple):
+class _Faces(NamedTuple):
     """The two faces of a cut, across ``axis`` of the crystal, lower and upper.
 
     ``balls`` are those that a face touches, or the layer that it holds; ``thickness`` is that of all layers, m.
@@ -117,7 +117,7 @@ class Crystal:
     torsion: float | str
     bending: float
     name: str
-    faces: tuple[Faces, ...]
+    faces: tuple[_Faces, ...]
 
     def __init__(
         self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
@@ -373,7 +373,7 @@ class Crystal:
         thickness = count * abs(float(stack[a]))
         other = self._derive(
             kind=kind, cell=inner, positions=positions, contacts=contacts,
-            faces=(*faces, Faces(a, thickness, (words[0], words[1]), (outer[0], outer[1]))),
+            faces=(*faces, _Faces(a, thickness, (words[0], words[1]), (outer[0], outer[1]))),
         )  # fmt: skip
         other._require_joined()
         return other
@@ -1117,7 +1117,7 @@ def _in_double_precision(values: Array) -> Iterator[None]:
         raise InputError(message(what, mend="Lower the load, or compare the units")) from None
 
 
-def _both(face: Faces, change: Any) -> tuple[Index, Index]:
+def _both(face: _Faces, change: Any) -> tuple[Index, Index]:
     return read_only(change(face.balls[0])), read_only(change(face.balls[1]))
 
 
