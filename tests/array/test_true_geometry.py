@@ -369,6 +369,20 @@ def test_a_state_whose_pivots_are_rounding_has_a_response(steel):
     assert state.normal_stiffness > 0.0
 
 
+def test_a_ball_that_leans_on_less_than_rounding_is_held(steel):
+    """It lies between two others, 3e-5 W off their line; the force on the third is 3e-12 of the mean."""
+    kinds = gp.Discrete((7.999213204207531e-3, 8.000423659272868e-3), (0.35, 0.65))
+    packing = gp.Packing(steel, 8e-3, spread=kinds, friction=False)
+    state = gp.DirectSimulation(packing, (48, 48), 20_001, geometry="exact").at_force(
+        0.02504763752701731 * packing.width_units.force
+    )
+    (sample,) = state.samples
+    tensor, others = sample.elastic_tensor, sample.equilibrium.find_elasticity(1e-9)
+    assert np.all(np.linalg.eigvalsh(tensor) > 0.0)
+    # springs against shear hold the ball too: with hardly any the tensor is the same
+    assert sample.equilibrium.find_elasticity(0.0) == pytest.approx(others, rel=1e-5, abs=1e-5 * np.max(others))
+
+
 #: size, seed and f* at which balls came to rest at a saddle
 SADDLES = [(32, 6, 0.025), (24, 2, 0.025), (24, 6, 0.005), (32, 0, 0.012), (32, 5, 0.012)]
 
