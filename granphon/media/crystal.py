@@ -291,9 +291,7 @@ class Crystal:
             given = finite_array("diameters", diameters, "m", "above zero")
             if given.ndim != p + (n > 1) or (n > 1 and given.shape[-1] != n) or shape is not None:
                 wanted = ", ".join([*(f"L{axis + 1}" for axis in range(p)), *[str(n)] * (n > 1)])
-                what = f"diameters have the shape {given.shape}" + (
-                    "" if shape is None else f", and shape is {brief(shape)}"
-                )
+                what = f"diameters have the shape {given.shape}, and shape is {brief(shape)}"
                 raise InputError(message(what, mend=f"Give an array ({wanted}), and no shape"))
             shape = given.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
@@ -682,8 +680,8 @@ class Crystal:
     ) -> CrystalState:
         """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
 
-        The mean is that over the contacts that carry a load; of balls that differ in diameter, over all contacts. ``gravity``
-        and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
+        The mean is that over the contacts that carry a load, of balls that differ in diameter that over all contacts.
+        ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
@@ -692,8 +690,8 @@ class Crystal:
     ) -> CrystalState:
         """Return the state at rest under that hydrostatic pressure at which contacts have the mean ``overlap``, m.
 
-        The mean is that over the contacts that carry a load; of balls that differ in diameter, over all contacts. ``gravity``
-        and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
+        The mean is that over the contacts that carry a load, of balls that differ in diameter that over all contacts.
+        ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
         """
         return self._at_mean("overlap", overlap, gravity, finite_overlap)
 

@@ -497,8 +497,8 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
 
     Where radii differ, contacts open and balls that they held lean on others: a step of Newton's method that leaves more
     force than there was is replaced by one of the matrix in which forces push balls back instead of aside (-f/r has the
-    other sign), with a line search, as the energy falls along it. Where the balls are at rest but the energy is not least, they
-    go downhill along the softest motion, and on from there.
+    other sign), with a line search, as the energy falls along it. Where balls are at rest and the energy is not least, they go
+    downhill along the softest motion, and on from there.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it.
     """
