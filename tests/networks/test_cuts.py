@@ -33,7 +33,9 @@ def squares(network, q=(), still=0):
     """Squared angular frequencies of a cut, (n_q, b) at wave vectors; of a flake without the ``still`` modes at zero."""
     if any(network.pbc):
         return (2.0 * np.pi * gp.Phonons(network).frequencies(q)) ** 2
-    return (2.0 * np.pi * gp.Waves(network).modes(network.ball_motions.count * int(np.sum(network.moving)) - still).frequencies) ** 2
+    return (
+        2.0 * np.pi * gp.Waves(network).modes(network.ball_motions.count * int(np.sum(network.moving)) - still).frequencies
+    ) ** 2
 
 
 def twin(network, q):
@@ -124,8 +126,11 @@ def test_a_flake_is_cut_along_one_axis_after_the_other():
     slab = bulk("fcc", "all").cut((1, 1, 0), 3)
     bar = slab.cut(0, 4, ("free", "clamped"))
     flake = bar.cut(0, 4)
-    assert slab.pbc == (True, True, False) and bar.pbc == (True, False, False) and flake.pbc == (False,) * 3
-    assert flake.n_balls == 48 and np.count_nonzero(~flake.moving) == 12
+    assert slab.pbc == (True, True, False)
+    assert bar.pbc == (True, False, False)
+    assert flake.pbc == (False,) * 3
+    assert flake.n_balls == 48
+    assert np.count_nonzero(~flake.moving) == 12
     free = bulk("triangular", "all").cut(0, 3).cut(0, 3)
     expected = twin(free, [])
     still = int(np.sum(expected < 1e-10 * expected[-1]))
@@ -144,7 +149,8 @@ def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_has_the_springs_that_
     assert_allclose(squares(held, [[0.2]])[0], top, rtol=1e-9)
     floor = network.cut(1, 8, "floor")
     walls = np.flatnonzero(np.isinf(floor.radii))
-    assert len(walls) == 2 and floor.n_contacts == free.n_contacts + 2
+    assert len(walls) == 2
+    assert floor.n_contacts == free.n_contacts + 2
     against = floor.normal[np.isin(floor.j, walls)]
     assert_allclose(np.sort(against[:, 1]), [-1.0, 1.0])
     # in balance: the force of the wall is that of the two contacts across the edge
