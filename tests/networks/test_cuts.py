@@ -39,7 +39,7 @@ def squares(network, q=(), still=0):
 
 
 def twin(network, q):
-    """Squared frequencies of equal balls with one shear stiffness, from the energy of each pair that is one diameter apart."""
+    """Squared frequencies of equal balls with one shear stiffness, from the energy of each pair that touches."""
     p = int(np.sum(network.pbc))
     cell, n, half = network.cell[:p], network.n_balls, 0.5 * D
     k, kappa = network.normal_stiffness[0], network.shear_stiffness[0]
