@@ -74,6 +74,8 @@ def test_balls_that_do_not_move_are_grey_and_a_floor_is_no_kind():
     crystal = gp.Crystal.on("triangular", [STEEL]).repeat((3, 1)).replace(1, ALUMINIUM).cut(1, 3, edges=("floor", "clamped"))
     state = crystal.at_pressure(10.0)
     assert state.network.kinds == (*["steel", "aluminium", "steel"] * 3, "floor")
+    bulk = gp.Crystal.on("triangular", [STEEL]).repeat((3, 1)).replace(1, ALUMINIUM).at_pressure(10.0).network
+    assert bulk.cut(1, 3, edges=("floor", "clamped")).kinds == state.network.kinds
     ax = gp.plot(state).axes[0]
     assert texts(ax.get_legend()) == ["steel", "aluminium"]
     assert faces(ax)[6:] == [to_rgba("0.75")] * 3
