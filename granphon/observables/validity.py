@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio, harmonic_diameter
+from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
@@ -314,7 +314,7 @@ def _compute_validity(state: Any) -> Validity:
         values["places"] = np.full(state.shape, _BY_NUMBERING)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
-        values["torsion"] = 1.5 * state.force / state.normal_stiffness / d / state.torsion
+        values["torsion"] = overlap_from(state.force, state.normal_stiffness) / d / state.torsion
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
@@ -344,5 +344,5 @@ def check_network(network: ContactNetwork) -> Validity:
     law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return Validity(())
-    ratio = contact_radius_ratio(np.mean(1.5 * force / stiffness / diameter), 1.0)
+    ratio = contact_radius_ratio(np.mean(overlap_from(force, stiffness) / diameter), 1.0)
     return Validity((_check("contact_radius", ratio),))
