@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,7 @@ from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, require_joined
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.errors import InputError, brief, message
@@ -40,9 +41,6 @@ from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Edge = Literal["free", "clamped", "floor"]
-#: how an edge may be held
-EDGES = ("free", "clamped", "floor")
 #: structures of two kinds of balls, beside the lattices that have a name
 STRUCTURES = ("NaCl", "CsCl", "zincblende")
 #: most cells of a supercell along a period, and most layers of a cut
@@ -331,49 +329,23 @@ class Crystal:
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count * self.n_balls)
-        words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
-        if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
-            raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
-        basis = _layer_basis(axis, self.periods, self.cell)
-        p, d, n = self.periods, self.dimension, self.n_balls
-        # the crystal turned: the vectors within a layer first
-        vectors = basis @ self.cell
-        inner, stack = vectors[:-1], vectors[-1]
-        turn = np.eye(d)
-        if np.any(np.abs(inner[:, p - 1 :]) > 1e-12 * np.max(np.abs(vectors))) or stack[p - 1] < 0.0:
-            q, r = np.linalg.qr(vectors[:, :p].T)
-            turn[:p, :p] = (q * np.sign(np.diag(r))).T
-        if np.linalg.det(turn) < 0.0 and p > 1:
-            basis[0], inner = -basis[0], inner * np.where(np.arange(p - 1) == 0, -1.0, 1.0)[:, None]
-            q, r = np.linalg.qr((basis @ self.cell)[:, :p].T)
-            turn[:p, :p] = (q * np.sign(np.diag(r))).T
-        vectors = basis @ self.cell @ turn.T
-        inner, stack = vectors[:-1], vectors[-1]
-        inner[:, p - 1 :] = 0.0
-        level = np.arange(count)
-        table = self.contacts
-        shift = np.rint(table.shift @ np.linalg.inv(basis)).astype(np.intp)
-        up = level[:, None] + shift[:, -1]
-        inside = (up >= 0) & (up < count)
-        layer, row = np.nonzero(inside)
+        words, layering = read_edges(edges), Layers.across(axis, self.cell)
+        p, d, n, table, turn = self.periods, self.dimension, self.n_balls, self.contacts, layering.turn
+        level, stack = np.arange(count), layering.stack
+        i, j, row, shift = layering.unfold(table.i, table.j, table.shift, n, count)
         normal, vector = table.normal @ turn.T, table.vector @ turn.T
         contacts = ContactTable(
-            read_only(layer * n + table.i[row]), read_only(up[layer, row] * n + table.j[row]), read_only(shift[row, :-1]),
-            *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
+            *map(read_only, (i, j, shift)), *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
         )  # fmt: skip
         positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
         kind, a = np.tile(self.kind, count), p - 1
         radii = np.tile(self.radii, count)
         faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
-        outer = []
-        for side, word, own in ((-1.0, words[0], 0), (1.0, words[1], count - 1)):
-            top = side * positions[:, a] + radii
-            touched = np.flatnonzero(top >= top.max() - TOUCH * radii.max())
-            outer.append(own * n + np.arange(n) if word == "clamped" else touched)
+        outer = find_faces(positions[:, a], radii, words, n)
         thickness = count * abs(float(stack[a]))
         other = self._derive(
-            kind=kind, cell=inner, positions=positions, contacts=contacts,
-            faces=(*faces, _Faces(a, thickness, (words[0], words[1]), (outer[0], outer[1]))),
+            kind=kind, cell=layering.cell, positions=positions, contacts=contacts,
+            faces=(*faces, _Faces(a, thickness, words, outer)),
         )  # fmt: skip
         other._require_joined()
         return other
@@ -1167,42 +1139,3 @@ def _find_structure(name: str | Lattice) -> Lattice:
         return find_lattice(name)
     mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
     raise InputError(message(f"unknown lattice {brief(name)}", mend=mend))
-
-
-def _layer_basis(axis: Any, periods: int, cell: Array) -> NDArray[np.intp]:
-    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
-    if not periods:
-        raise InputError(message("the crystal has no period across which it could be cut"))
-    whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
-    basis = np.eye(periods, dtype=np.intp)
-    if whole and 0 <= axis < periods:
-        return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
-    given = np.asarray(axis)
-    if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > 100:
-        what = f"axis is {brief(axis)}"
-        indices = counted(periods, "Miller index", "Miller indices")
-        raise InputError(message(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"))
-    # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
-    value = (given // np.gcd.reduce(given)).astype(np.intp)
-    while np.count_nonzero(value) > 1:
-        least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
-        for other in np.flatnonzero(value):
-            if other != least:
-                times = int(np.rint(value[other] / value[least]))
-                value[other] -= times * value[least]
-                basis[other] -= times * basis[least]
-    last = int(np.flatnonzero(value)[0])
-    stack = basis[last] * int(np.sign(value[last]))
-    inner = np.delete(basis, last, axis=0)
-    # the shortest vectors within the plane, and the most upright one across it
-    for _ in range(100):
-        before = inner.copy()
-        if len(inner) == 2:
-            inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
-            short = inner[0] @ cell
-            inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
-        if np.array_equal(before, inner):
-            break
-    if len(inner):
-        stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
-    return np.concatenate([inner, stack[None]])
