@@ -225,7 +225,7 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
     return read["torsion"], read["bending"]
 
 
-def given_packing(packing: Packing) -> Packing:
+def given_packing(packing: Any) -> Packing:
     """Return ``packing``, the argument of a public call; raises :class:`InputError` if it is not a Packing."""
     if not isinstance(packing, Packing):
         pressed = hasattr(packing, "at_force")  # a crystal, or a medium
