@@ -648,7 +648,16 @@ def given_network(source: Any) -> ContactNetwork:
     if isinstance(found, ContactNetwork):
         return found
     mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
+    refuse_unpressed(source)
     raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
+
+
+def refuse_unpressed(source: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be pressed first."""
+    if hasattr(source, "at_force") and not isinstance(source, type):
+        name = type(source).__name__
+        mend = f"Press it, and give its state: {name.lower()}.at_force(...), in N, or another of its methods at_..."
+        raise InputError(message(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend))
 
 
 # -- what it must be ---------------------------------------------------------------------------------------------------
