@@ -16,13 +16,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import compose
-from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, WRONG_UNIT, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, require_joined
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
@@ -82,7 +83,8 @@ class Crystal:
     law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
         pairs of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the
         methods of :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives
-        once.
+        once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
+        opens; or it adheres down to its ``least_overlap``, and is zero below that.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
         where the contact radius a of any law is that of its stiffness k = 2 E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
@@ -144,7 +146,8 @@ class Crystal:
             raise InputError(message(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"))
         if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
             what = f"the cell of crystal {name!r} has no room for a ball"
-            raise InputError(message(what, "Its vectors are too short, or not independent", "Give lengths in m"))
+            why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
+            raise InputError(message(what, why, "Give lengths in m"))
         if p == 0 and n == 1:
             raise InputError(message("a single ball without a period touches nothing", mend="Give a cell"))
         contacts = find_contacts(vectors, places, name, radii)
@@ -207,7 +210,10 @@ class Crystal:
             said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
             what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
             raise InputError(message(what, said, "Give balls of one size, or cell and positions at which they touch"))
-        return cls(balls_on, scale * structure.vectors, scale * structure.positions, **({"name": structure.name} | options))
+        cell = scale * structure.vectors
+        if len(given) == structure.n_balls == 2:
+            _require_fit(given, cell, structure.name)
+        return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
     @classmethod
     def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
@@ -316,7 +322,9 @@ class Crystal:
         Parameters
         ----------
         axis : the number of the vector of the cell along which layers follow each other; or the integer Miller indices of
-            their plane, one for each vector of the cell.
+            their plane, one for each vector of the cell as given, or the four of a hexagonal cell. The cells of fcc, bcc,
+            diamond and NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made
+            whole numbers, in these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
             plane touches the outer balls. One word for both, or (lower, upper).
@@ -624,7 +632,7 @@ class Crystal:
             still = np.zeros(len(force), bool)
             unit = ("", "N", "N/m", "Pa")[self.periods]
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
-            return Push(force, still, np.zeros(len(force)), one, pressed, words)
+            return Push(force, still, np.zeros(len(force)), one, pressed, words, self._tell_lift(field))
 
         return self._solve_each(values, push, finite_overlap, 2)
 
@@ -710,6 +718,22 @@ class Crystal:
             out[: frame.n_free] = (self.masses[free, None] * field).ravel()
         return out
 
+    def _tell_lift(self, field: Array | None) -> tuple[str, str] | None:
+        """Say, as a reason and what mends it, that gravity acts away from what the balls stand on; None if it does not."""
+        if field is None:
+            return None
+        for face in self.faces:
+            low, high = face.edges
+            way = field[face.axis] if low != "free" else -field[face.axis]
+            if way > 0.0 and (low, high) != ("clamped", "clamped"):
+                others = math.prod(one.thickness for one in self.faces if one is not face)
+                weight = float(np.sum(self.masses[self._frame[1] >= 0])) * way / (self.measure * others)
+                unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
+                word, sign = (low, "") if low != "free" else (high, "-")
+                why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
+                return why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
+        return None
+
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         frame, place, _ = self._frame
         force = self._weigh(field)
@@ -737,7 +761,7 @@ class Crystal:
             words += f" {unit} with gravity"
         else:
             words += f" {unit}"
-        return Push(force + pressed, held, given, stress, pressed, words)
+        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field))
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
@@ -780,12 +804,16 @@ class Crystal:
             loaded = force != 0.0
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
-            if abs(off) <= _MEAN or (abs(off) <= 1e-13 and abs(off) >= last):
+            stiffness = springs.stiffness(rest.overlap)
+            rounded = 1e-13
+            if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
+                parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
+                rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
+            if abs(off) <= _MEAN or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
             # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
-            stiffness = springs.stiffness(rest.overlap)
             power = float(np.mean(force[loaded]) / np.mean((stiffness * rest.overlap)[loaded]))
             grow = goal / mean if mean / goal > 0.0 else 2.0
             new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
@@ -793,6 +821,8 @@ class Crystal:
             start = Rest(factor * rest.x, factor * rest.overlap, rest.normal)
             pressure = new if low < new < high else 0.5 * (low + min(high, 2.0 * pressure))
             if pressure in (low, high):
+                if abs(off) <= rounded:
+                    return rest, push
                 break
         what = f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any pressure"
         why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + (
@@ -990,6 +1020,12 @@ class CrystalState:
         out.append(
             ("an overlap is beyond the table of its contact law, which goes on as a power", "table", np.asarray(over))
         )
+        for name, (attribute, what, unit, limit, at_least) in BALL_LIMITS.items():
+            for ball, called in zip(crystal.kinds, crystal.names, strict=True):
+                value = attrgetter(attribute)(ball)
+                if (value < limit) if at_least else (value > limit):
+                    said = f"the {what} of ball {called} is {value:.4g} {unit}, {'less' if at_least else 'more'} than"
+                    out.append((f"{said} {limit:g} {unit}: {WRONG_UNIT}", name, np.zeros(self.shape, bool)))
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
@@ -1008,7 +1044,8 @@ class CrystalState:
         """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
 
         The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
-        yield strength, if that is given, and the overlap within the table of a tabulated law.
+        yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
+        modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
         met = np.all([fine for _, _, fine in self._checks], axis=0)
         return bool(met) if self.is_single else np.asarray(met)
@@ -1022,8 +1059,9 @@ class CrystalState:
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
-        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Raises
-        :class:`~granphon.base.errors.InputError` for several loads.
+        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Its
+        ``kinds`` are the names of the crystal, and "floor". Raises :class:`~granphon.base.errors.InputError` for several
+        loads.
         """
         self._require_single()
         crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
@@ -1068,7 +1106,8 @@ class CrystalState:
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
             motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
-            adhesive=crystal._springs.adhere, **own,
+            adhesive=crystal._springs.adhere,
+            kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
         )  # fmt: skip
 
 
@@ -1123,6 +1162,20 @@ def _name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) 
         twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
         raise InputError(message(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently"))
     return found
+
+
+def _require_fit(balls: Sequence[Ball], cell: Array, name: str) -> None:
+    """Raise :class:`InputError` if the larger of two balls of a cell touch each other before they touch the smaller."""
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(cell)), axis=-1).reshape(-1, len(cell))
+    apart = float(np.min(np.linalg.norm(steps[np.any(steps, axis=1)] @ cell, axis=1)))
+    small, large = sorted(balls, key=lambda ball: ball.diameter)
+    if apart >= large.diameter * (1.0 - TOUCH):
+        return
+    least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / apart) - large.diameter
+    which = f"ball {small.name or 'AB'[balls.index(small)]} of {small.diameter:g} m is too small for its site in {name}"
+    why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the diameters is"
+    why += f" {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
+    raise InputError(message(which, why, f"Give it a diameter of {least:.6g} m or more"))
 
 
 def _find_structure(name: str | Lattice) -> Lattice:
