@@ -1071,8 +1071,9 @@ class CrystalState:
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
-        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Raises
-        :class:`~granphon.base.errors.InputError` for several loads.
+        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Its
+        ``kinds`` are the names of the crystal, and "floor". Raises :class:`~granphon.base.errors.InputError` for several
+        loads.
         """
         self._require_single()
         crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
@@ -1117,7 +1118,8 @@ class CrystalState:
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
             motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
-            adhesive=crystal._springs.adhere, **own,
+            adhesive=crystal._springs.adhere,
+            kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
         )  # fmt: skip
 
 
