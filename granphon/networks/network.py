@@ -415,6 +415,13 @@ class ContactNetwork(Result):
             **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
         )  # fmt: skip
 
+    def layers_across(self, axis: Any) -> Layers:
+        """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for another axis."""
+        cell = self.cell[np.flatnonzero(self.pbc), : self.dimension]
+        level = find_axes(cell) if len(cell) else np.eye(self.dimension)
+        found = Layers.across(axis, cell @ level.T)
+        return replace(found, turn=found.turn @ level)
+
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the network, which no longer repeat across them: a strip, slab, column or flake.
 
@@ -439,10 +446,8 @@ class ContactNetwork(Result):
         """
         count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
-        level = find_axes(self.cell[periods, :d]) if periods.size else np.eye(d)
-        cut = Layers.across(axis, self.cell[periods, :d] @ level.T)
-        turn, stack, p = np.eye(3), np.zeros(3), len(cut.cell)
-        turn[:d, :d], stack[:d] = cut.turn @ level, cut.stack
+        cut, stack = self.layers_across(axis), np.zeros(3)
+        turn, p, stack[:d] = cut.turn_space(), len(cut.cell), cut.stack
         _, rise = cut.split(self.shift[:, periods])
         if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
             what = f"some contacts reach across {counted(count, 'layer')}"
