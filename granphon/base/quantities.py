@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache, lru_cache
@@ -193,7 +193,13 @@ LOADS: dict[str, Quantity] = {
     "pressure": Quantity("force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE),
     "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
     "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
+    "stress": Quantity("force per length", "N/m", "-4 kN/m", "N/m, kN/m, N/mm, Pa*m", "any"),
+    "strain": Quantity("strain", "1", "-1e-4", "", "any"),
 }
+MASS = Quantity("mass", "kg", "28.84 g", "kg, g, mg")
+INERTIA = Quantity("moment of inertia", "kg*m^2", "1.1e-6 kg*m^2", "kg*m^2, g*cm^2")
+ACCELERATION = Quantity("acceleration", "m/s^2", "9.81 m/s^2", "m/s^2", "any")
+ADHESION = Quantity("energy per area", "J/m^2", "50 mJ/m^2", "J/m^2, mJ/m^2", "zero or above")
 #: what a pressure is on a line and in space: a force, and a force per area
 _PRESSURES = {
     1: Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
@@ -206,4 +212,7 @@ def load_quantities(periods: int) -> dict[str, Quantity]:
 
     A pressure is a force on a line, a force per length of the boundary of a layer, and a force per area in space.
     """
-    return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}
+    if periods == 2:
+        return LOADS
+    own = _PRESSURES[periods]
+    return LOADS | {"pressure": own, "stress": replace(own, example=f"-{own.example}", least="any", negative="negative")}

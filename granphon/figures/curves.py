@@ -24,6 +24,7 @@ from granphon.base.quantities import LOADS
 from granphon.base.results import restore
 from granphon.figures.style import COLOURS, readable_unit
 from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
+from granphon.media.arrangement import Arrangement
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import axis_label
@@ -263,9 +264,11 @@ def write_labels(dataset: Dataset, name: str) -> list[str]:
 
 
 def read_packing(dataset: Dataset) -> Packing | None:
-    """Return the packing whose parameters a sweep varies; None if the data set does not tell it."""
-    told = dataset.attrs.get("packing")
-    found: Packing | None = None if told is None else restore(json.loads(told), Packing, "the packing of the sweep")
+    """Return the packing whose parameters a sweep varies; None if the data set does not tell it, as of a crystal."""
+    told = json.loads(dataset.attrs.get("packing", "null"))
+    if told is None or told.get("class") == Arrangement.__name__:
+        return None
+    found: Packing = restore(told, Packing, "the packing of the sweep")
     return found
 
 
@@ -299,6 +302,9 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     packing = read_packing(dataset)
     finite = list_finite_overlap(dataset)
     base = {} if packing is None else list_facts(packing)
+    told = json.loads(dataset.attrs.get("packing", "{}"))
+    if told.get("class") == Arrangement.__name__:
+        base["lattice"] = f"{told['lattice'] or 'crystal'} of {', '.join(name for name, _ in told['kinds'])}"
     found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
     if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"

@@ -22,6 +22,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import FRICTIONLESS, accuracy
+from granphon.media.arrangement import Balls, CrystalMedium
 from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import reduce_load
@@ -168,7 +169,9 @@ class AutoMedium(MediumBase[ContactState]):
         return replace(serving.at(load, finite_overlap=finite_overlap), chosen_automatically=True)
 
 
-_AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
+_AnyMedium = (
+    AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium | CrystalMedium
+)
 #: the classes of media by the names that scenes and sweeps use
 MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
 #: the options of each medium, by the name of the medium and then of the option
@@ -305,9 +308,7 @@ class MediumChoice:
         """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
         return asked or self.is_exact
 
-    def by_geometry(
-        self, packing: Packing, load: Load, finite_overlap: bool = False
-    ) -> list[tuple[MediumChoice, list[int]]]:
+    def by_geometry(self, packing: Balls, load: Load, finite_overlap: bool = False) -> list[tuple[MediumChoice, list[int]]]:
         """Return the choice in each geometry, by word, that the medium of a packing has at values of a load, and places."""
         medium = self.of(packing)
         return [
@@ -333,12 +334,13 @@ class MediumChoice:
             why = "It chooses another medium at each load and width"
             raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
 
-    def of(self, packing: Packing) -> _AnyMedium:
+    def of(self, packing: Balls) -> _AnyMedium:
         """Return the medium for this packing."""
         options: Any = dict(self.options)
-        return MEDIA[self.name](packing, **options)
+        own: Any = packing  # a medium refuses the balls that it is not for
+        return MEDIA[self.name](own, **options)
 
-    def choose(self, packing: Packing, load: Load) -> list[ServingMedium]:
+    def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
@@ -366,7 +368,7 @@ class ServingMedium:
 
     medium: MediumChoice
     loads: NDArray[np.intp]
-    packing: Packing
+    packing: Any
     load: Load
     chosen_automatically: bool = False
     truth: FrictionHistory = REST

@@ -439,6 +439,28 @@ class Crystal:
         """(n,) radii, m."""
         return read_only(np.array([ball.radius for ball in self.kinds])[self.kind])
 
+    @property
+    def mindlin_ratios(self) -> Array:
+        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*."""
+        return np.asarray(self._constants[2])
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls of it."""
+        return any(word != "free" for face in self.faces for word in face.edges)
+
+    @property
+    def downward(self) -> Array:
+        """(d,) unit vector across the layers of what was cut, towards the face that is held; the lower one if both are.
+
+        Raises :class:`~granphon.base.errors.InputError` if no face is.
+        """
+        for face in self.faces:
+            if (held := [word != "free" for word in face.edges]) != [False, False]:
+                return np.asarray((-1.0 if held[0] else 1.0) * np.eye(self.dimension)[face.axis])
+        what = f"nothing holds crystal {self.name!r} against gravity"
+        raise InputError(message(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'))
+
     @cached_property
     def masses(self) -> Array:
         """(n,) masses, kg."""
@@ -1002,22 +1024,24 @@ class CrystalState:
             )
 
     @cached_property
-    def _checks(self) -> list[tuple[str, str, Array]]:
-        """What limits the state: a reason, where it is, and whether it is met at each load."""
+    def limits(self) -> list[tuple[str, Array, float, str]]:
+        """What limits the state: a name, the value at each load, what it may be at most, and what is said beyond that.
+
+        They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
+        pressure of a contact over the yield strength, each the largest over the contacts; pure numbers.
+        """
         crystal, table = self.crystal, self.crystal.contacts
         small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal.radii[at] for _, _, at in crystal._floors)])
         ratio = np.max(self.contact_radius / small, axis=-1)
-        out = [
-            (
-                f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
-                f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot",
-                "contact_radius", np.asarray(ratio <= MOST_CONTACT_RADIUS),
-            )
-        ]  # fmt: skip
-        over = np.all(self.overlap <= crystal._springs.most, axis=-1)
-        out.append(
-            ("an overlap is beyond the table of its contact law, which goes on as a power", "table", np.asarray(over))
+        said = (
+            f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
+            f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot"
         )
+        out = [("contact_radius", np.asarray(ratio), MOST_CONTACT_RADIUS, said)]
+        if np.any(np.isfinite(crystal._springs.most)):
+            over = np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
+            said = "an overlap is beyond the table of its contact law, which goes on as a power"
+            out.append(("table", np.asarray(over), 1.0, said))
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
@@ -1028,7 +1052,7 @@ class CrystalState:
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             part = np.max(mean / weak, axis=-1)
             said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
-            out.append((f"{said}: it yields from {_YIELD} on", "yield", np.asarray(part <= _YIELD)))
+            out.append(("yield", np.asarray(part), _YIELD, f"{said}: it yields from {_YIELD} on"))
         return out
 
     @property
@@ -1038,13 +1062,13 @@ class CrystalState:
         The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
         yield strength, if that is given, and the overlap within the table of a tabulated law.
         """
-        met = np.all([fine for _, _, fine in self._checks], axis=0)
+        met = np.all([value <= limit for _, value, limit, _ in self.limits], axis=0)
         return bool(met) if self.is_single else np.asarray(met)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the state, in words; empty if nothing is."""
-        return tuple(said for said, _, fine in self._checks if not np.all(fine))
+        return tuple(said for _, value, limit, said in self.limits if np.any(value > limit))
 
     @cached_property
     def network(self) -> ContactNetwork:

@@ -30,6 +30,7 @@ from granphon.base.tables import Heading, write_table
 from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.long_waves import voigt_names
+from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
@@ -168,6 +169,8 @@ def _require_sound(cases: Sequence[Case]) -> None:
     known: set[tuple[Any, ...]] = set()
     for case in cases:
         packing = case.packing
+        if not isinstance(packing, Packing):  # which contacts of a crystal carry is found with its state
+            continue
         present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
         # an array is not the lattice, and has its own forces
         pushed = case.asked.finite_overlap and not case.medium.is_exact
@@ -290,7 +293,8 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
     out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves") if name in frame.attrs}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
-    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS or name == "direction"] + path:
+    given = [name for name in frame.coords if name in LOADS or name in PARAMETERS or "." in str(name) or name == "direction"]
+    for name in given + path:
         whole = frame[name].attrs.get("values")
         out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
     return out
@@ -381,7 +385,7 @@ def _is_of_sound(name: str) -> bool:
     return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
 
 
-def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
+def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
     """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
     entry = entry_of(name, packing)
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
