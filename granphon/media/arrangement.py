@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -71,6 +71,7 @@ class Arrangement:
         ``replace`` : number of a ball of what was cut, and the kind that takes its place; ``remove`` : numbers of balls.
     law : the contact law, or the items of a mapping of pairs of kinds to laws.
     friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`.
+    given : the crystal itself, if it was not made of the others.
 
     Raises
     ------
@@ -91,8 +92,24 @@ class Arrangement:
     motions: str | None = None
     torsion: float | str = 0.0
     bending: float = 0.0
+    given: InitVar[Crystal | None] = None
 
-    def __post_init__(self) -> None:
+    @classmethod
+    def of(cls, crystal: Crystal) -> Arrangement:
+        """Return the arrangement that is a crystal; its faces stand as cuts of no layers."""
+        names = np.array(crystal.names, object)[crystal.kind].tolist()
+        return cls(
+            tuple(zip(crystal.names, crystal.kinds, strict=True)), cell=tuple(map(tuple, crystal.cell.tolist())),
+            sites=tuple(zip(map(tuple, crystal.positions.tolist()), names, strict=True)),
+            cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
+            law=tuple(crystal.law.items()) if isinstance(crystal.law, Mapping) else crystal.law,
+            **{name: getattr(crystal, name) for name in ("friction", "motions", "torsion", "bending")}, given=crystal,
+        )  # fmt: skip
+
+    def __post_init__(self, given: Crystal | None) -> None:
+        self.__dict__["_is_given"] = given is not None
+        if given is not None:
+            self.__dict__["crystal"] = given
         if not self.crystal.periods:
             what, why = "the crystal repeats nowhere", "Scenes compute what waves do along periods"
             raise InputError(message(what, why, "Take gp.Crystal and gp.Waves, or leave a period"))
@@ -175,7 +192,8 @@ class Arrangement:
     def change(self, values: Mapping[str, Any]) -> Arrangement:
         """Return the arrangement with other values of parameters of kinds, {"A.diameter": 8e-3}.
 
-        A mass that was given stays if the material or the diameter changes.
+        A mass that was given stays if the material or the diameter changes. The diameter of a kind changes the distances of
+        balls, so that they must lie on a lattice.
         """
         balls = dict(self.kinds)
         for name, value in values.items():
@@ -190,7 +208,8 @@ class Arrangement:
             of_ball = own in ("diameter", "mass")
             anew |= {own: value} if of_ball else {"material": replace(ball.material, **{own: value})}
             balls[kind] = replace(ball, **anew)
-        return replace(self, kinds=tuple(balls.items()))
+        given = self.crystal.with_balls(balls) if self.__dict__["_is_given"] else None
+        return replace(self, kinds=tuple(balls.items()), given=given)
 
 
 #: what a scene, a sweep or a task is about

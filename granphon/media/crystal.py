@@ -282,6 +282,21 @@ class Crystal:
         known = dict(zip(self.kinds, self.names, strict=True))
         return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known))
 
+    def with_balls(self, balls: Mapping[str, Ball]) -> Self:
+        """Return the crystal with other balls of some kinds, by name, at the same places.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without a kind, and a ball of another diameter.
+        """
+        known = dict(zip(self.names, self.kinds, strict=True))
+        for name, ball in balls.items():
+            if name not in known:
+                raise InputError(message(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"))
+            if ball.diameter != known[name].diameter:
+                what = f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where those of "
+                why = "Only on a named lattice places follow from diameters"
+                raise InputError(message(f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"))
+        return self._derive(kinds=tuple((known | dict(balls)).values()))
+
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number or a list of numbers."""
         kept = np.ones(self.n_balls, bool)
