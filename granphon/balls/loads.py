@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief, message
-from granphon.base.quantities import LOADS, load_quantities
+from granphon.base.quantities import LOAD_KINDS, LOADS, TENSORS, find_load_unit
 from granphon.base.results import read_only
 from granphon.base.validation import finite_array, real_list, require, whole
 
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
-#: loads of a crystal that are tensors
-TENSORS = ("stress", "strain")
 
 
 def force_of_frame(side_force: Any, balls_per_side: int) -> Any:
@@ -60,7 +58,7 @@ class Load:
     gravity: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in LOADS:
+        if not isinstance(self.kind, str) or self.kind not in LOAD_KINDS:
             raise InputError(message(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS)))
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         # an overlap may be negative, and what gravity loads need not be pressed
@@ -126,7 +124,7 @@ class Load:
 
     def describe(self, periods: int) -> str:
         """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``."""
-        return f"{self} {load_quantities(periods)[self.kind].unit}"
+        return f"{self} {find_load_unit(self.kind, periods)}".rstrip()
 
     @property
     def applied(self) -> Self:

@@ -193,9 +193,14 @@ LOADS: dict[str, Quantity] = {
     "pressure": Quantity("force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE),
     "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
     "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
+}
+#: the quantity of a component of a tensor that loads a crystal
+TENSORS: dict[str, Quantity] = {
     "stress": Quantity("force per length", "N/m", "-4 kN/m", "N/m, kN/m, N/mm, Pa*m", "any"),
     "strain": Quantity("strain", "1", "-1e-4", "", "any"),
 }
+#: the kinds of load by name, of packings and of crystals
+LOAD_KINDS = (*LOADS, *TENSORS)
 MASS = Quantity("mass", "kg", "28.84 g", "kg, g, mg")
 INERTIA = Quantity("moment of inertia", "kg*m^2", "1.1e-6 kg*m^2", "kg*m^2, g*cm^2")
 ACCELERATION = Quantity("acceleration", "m/s^2", "9.81 m/s^2", "m/s^2", "any")
@@ -212,7 +217,18 @@ def load_quantities(periods: int) -> dict[str, Quantity]:
 
     A pressure is a force on a line, a force per length of the boundary of a layer, and a force per area in space.
     """
+    return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}
+
+
+def tensor_quantities(periods: int) -> dict[str, Quantity]:
+    """The quantity of a component of a strain, or of a stress, which is a pressure of any sign: :func:`load_quantities`."""
     if periods == 2:
-        return LOADS
+        return TENSORS
     own = _PRESSURES[periods]
-    return LOADS | {"pressure": own, "stress": replace(own, example=f"-{own.example}", least="any", negative="negative")}
+    return TENSORS | {"stress": replace(own, example=f"-{own.example}", least="any", negative="negative")}
+
+
+def find_load_unit(kind: str, periods: int, pressed_axes: int | None = None) -> str:
+    """Return the SI unit of a kind of load; empty if it has none. A pressure acts along the ``pressed_axes``."""
+    quantities = load_quantities(pressed_axes or periods) | tensor_quantities(periods)
+    return quantities[kind].unit.removeprefix("1")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-from granphon.base.quantities import load_quantities
+from granphon.base.quantities import find_load_unit, load_quantities
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
@@ -91,8 +91,11 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     packing, load = scene.packing, scene.load
     frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
     frame += "" if load.gravity is None else f", with gravity {load.gravity:g} m/s^2"
-    unit, kind = load_quantities(packing.structure.periods)[load.kind].unit, load.kind.replace("_", " ")
-    size = f"{write_range(load.values, unit if unit != '1' else '')}{frame}"
+    unit, kind = (
+        find_load_unit(load.kind, packing.structure.periods, packing.structure.pressed_axes),
+        load.kind.replace("_", " "),
+    )
+    size = f"{write_range(load.values, unit)}{frame}"
     if load.tensor is not None:
         size += f", with the components {', '.join(f'{one:g}' for one in load.tensor)} in this unit"
     count = len(load.values)

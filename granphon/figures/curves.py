@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.errors import FigureError, InputError, message
-from granphon.base.quantities import LOADS
+from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.figures.style import COLOURS, readable_unit
 from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
@@ -197,7 +197,7 @@ def make_serving(curves: Iterable[Curve]) -> list[Line2D]:
 
 def find_load(dataset: Dataset) -> str:
     """Return the name of the load that was given: a coordinate along the loads."""
-    return next((str(name) for name in LOADS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
+    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
 def is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:

@@ -48,8 +48,13 @@ class CrystalCell(Lattice):
         places[:, :p] = places[:, :p] @ np.linalg.inv(crystal.cell[:, :p])
         places[:, p:] /= diameter
         cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (crystal.cell / diameter, places)))
-        cell.__dict__["contacts"] = crystal.contacts
+        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces))
         return cell
+
+    @property
+    def pressed_axes(self) -> int:
+        """Number of axes along which a pressure acts: the periods, and those across which the crystal was cut."""
+        return int(self.__dict__["_pressed"])
 
     @cached_property
     def contacts(self) -> ContactTable:
@@ -278,10 +283,13 @@ class LoadedCrystal(NetworkStates):
 
     @property
     def pressure(self) -> Any:
-        """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa; an error without periods."""
+        """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa.
+
+        Raises :class:`~granphon.base.errors.InputError` for what was cut, whose stress is that of the whole layer.
+        """
         p = self.packing.structure.periods
-        if not p:
-            raise InputError(message("a cluster has no stress", mend="Read the forces of its contacts"))
+        if self.packing.structure.pressed_axes > p:
+            raise InputError(message("a strip or slab has no stress in Pa", mend="Read the forces of its contacts"))
         return (-np.trace(self.source.stress, axis1=-2, axis2=-1) / p)[()]
 
     @property
@@ -315,9 +323,6 @@ class CrystalMedium(MediumBase[Any]):
     def is_quick(self) -> bool:
         """Whether its states take less than 0.1 s."""
         return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
-
-    def require_rigid(self) -> None:
-        """Do nothing: which contacts carry, and whether they hold the balls, is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load."""

@@ -169,13 +169,13 @@ class AutoMedium(MediumBase[ContactState]):
         return replace(serving.at(load, finite_overlap=finite_overlap), chosen_automatically=True)
 
 
-_AnyMedium = (
-    AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium | CrystalMedium
-)
-#: the classes of media by the names that scenes and sweeps use
+_AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
+#: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
+#: the same, and that of crystals
+_EVERY: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in MEDIA.items()}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in _EVERY.items()}
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class MediumChoice:
     options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
-        name = require("medium", partial(choice, options=tuple(MEDIA)), self.name)
+        name = require("medium", partial(choice, options=tuple(_EVERY)), self.name)
         given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
@@ -334,11 +334,11 @@ class MediumChoice:
             why = "It chooses another medium at each load and width"
             raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
 
-    def of(self, packing: Balls) -> _AnyMedium:
+    def of(self, packing: Balls) -> _AnyMedium | CrystalMedium:
         """Return the medium for this packing."""
         options: Any = dict(self.options)
         own: Any = packing  # a medium refuses the balls that it is not for
-        return MEDIA[self.name](own, **options)
+        return _EVERY[self.name](own, **options)
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
@@ -470,7 +470,8 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
         return value if lattice is None else value.on(lattice)
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
-    choice(name, tuple(MEDIA))
+    if name != CrystalMedium.name:
+        choice(name, tuple(MEDIA))
     options = (
         {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
     )

@@ -10,12 +10,11 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_chec
 from numpy.typing import ArrayLike
 
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
+from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.validation import Rule
 from granphon.dynamics.local_field import LocalField
 from granphon.laws.cluster import ClusterLaw
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.state import ContactState
 
 
@@ -99,12 +98,6 @@ class MediumBase(ABC, Generic[StateT]):
     def prepare(self) -> None:
         """Find what all states need of the lattice; :class:`~granphon.base.errors.MechanismError` if it has none."""
         return
-
-    def require_rigid(self) -> None:
-        """Raise :class:`~granphon.base.errors.MechanismError` if a motion of the ideal lattice costs no energy."""
-        # the torsion of a Hertz contact depends on the load; how large it is does not matter here
-        packing: Packing = self.packing  # type: ignore[attr-defined]  # every medium has one
-        ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be borne, solving nothing."""

@@ -25,7 +25,7 @@ from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LIGHT_VELOCITY, LOADS
+from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -221,6 +221,8 @@ def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Seque
         variables["distances"] = (("segment", "point"), np.cumsum(steps).reshape(steps.shape), about)
         variables["labels"] = ("corner", np.array(ticks), {"long_name": "corners of the path"})
     loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
+    if load.kind == "pressure":  # of what was cut it acts on the faces too
+        loads[2]["units"] = find_load_unit("pressure", packing.structure.periods, packing.structure.pressed_axes)
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
         # a label does not describe a spread or a lattice completely
@@ -293,8 +295,8 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
     out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves") if name in frame.attrs}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
-    given = [name for name in frame.coords if name in LOADS or name in PARAMETERS or "." in str(name) or name == "direction"]
-    for name in given + path:
+    known = {*LOAD_KINDS, *PARAMETERS, "direction"}
+    for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
         whole = frame[name].attrs.get("values")
         out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
     return out
@@ -460,7 +462,7 @@ def write_waves(dataset: Dataset, path: Path) -> None:
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
     """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the ``columns``, all digits."""
-    load, own = next(name for name in LOADS if name in dataset.coords), dataset["valid"].dims
+    load, own = next(name for name in LOAD_KINDS if name in dataset.coords), dataset["valid"].dims
     names = [load, *own[1:], *columns]
     grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]

@@ -14,7 +14,7 @@ from granphon.balls.lattices import LATTICES
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, Refused, message
-from granphon.base.quantities import ADHESION, INERTIA, LENGTH, LOADS, MASS, Quantity, load_quantities
+from granphon.base.quantities import ADHESION, INERTIA, LENGTH, LOADS, MASS, Quantity, tensor_quantities
 from granphon.base.text import show
 from granphon.base.validation import Rule, above_zero, block, choice, each, is_whole, label, number, read_inside, whole
 from granphon.media.crystal import EDGES, STRUCTURES
@@ -151,7 +151,9 @@ def _write_cuts(cuts: Any) -> Any:
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
     if not isinstance(value, dict) or not value:
         raise Refused(show(value), "a block of numbers of balls and the kinds that take their places, as {12: S}")
-    return tuple((whole(index, 0), read_inside(index, label, kind)) for index, kind in value.items())
+    numbers = [int(index) if isinstance(index, str) and index.isdecimal() else index for index in value]
+    kinds = [read_inside(index, label, kind) for index, kind in value.items()]
+    return tuple(zip([whole(number, 0) for number in numbers], kinds, strict=True))
 
 
 def _read_law(value: Any) -> Any:
@@ -208,14 +210,14 @@ def tensor_kind(name: str) -> Kind:
     """Return the kind of a stress or strain: a list in Voigt order, or a symmetric matrix, along the periods."""
 
     def read(value: Any, at: Context) -> tuple[float, ...]:
-        quantity, p = load_quantities(at.lattice.periods)[name], at.lattice.periods
+        quantity, p = tensor_quantities(at.lattice.periods)[name], at.lattice.periods
         size = {1: 1, 2: 3, 3: 6}.get(p, 0)
         unit = "numbers" if name == "strain" else "quantities"
         allowed = f"{size} {unit} in Voigt order, or {p} rows of {p}; tension and extension are positive"
 
         def one(value: Any) -> float:
             if name == "strain":
-                return number(value, -0.5, 0.5)
+                return number(value, -1e300, 1e300)
             return 0.0 if is_whole(value) and value == 0 else quantity.read(value)
 
         listed = value if isinstance(value, list | tuple) else [value]
@@ -242,7 +244,7 @@ def tensor_kind(name: str) -> Kind:
         most = max(map(abs, plain))
         if tuple(one / most for one in plain) != load.tensor:  # to the last bit: the tensor of size one, and its size
             plain = load.tensor
-        return [*plain] if name == "strain" else [load_quantities(at.lattice.periods)[name].write(one) for one in plain]
+        return [*plain] if name == "strain" else [tensor_quantities(at.lattice.periods)[name].write(one) for one in plain]
 
     return Kind(read, write)
 

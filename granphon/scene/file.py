@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
-from granphon.balls.loads import TENSORS, Load, balls_on_side
+from granphon.balls.loads import Load, balls_on_side
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
-from granphon.base.quantities import ACCELERATION, LENGTH, LOADS, NUMBER
+from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, TENSORS
 from granphon.base.scales import write_quantity
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
@@ -327,7 +327,7 @@ def _read_block(name: str, value: Any, at: Context) -> Any:
         return {}  # every key below it is commented out
     if name == "load" and isinstance(value, dict):  # block() refuses another value, with the keys that are allowed
         of_crystal = isinstance(at.lattice, CrystalCell)
-        given, one = [kind for kind in LOADS if kind in value], _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
+        given, one = [kind for kind in LOAD_KINDS if kind in value], _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
         if not of_crystal and (wrong := [key for key in ("stress", "strain", "times", "gravity") if key in value]):
             mend = "Describe the balls by the blocks balls and crystal."
             raise Refused(f"{wrong[0]} of a packing, all contacts of which bear the same", one, mend, (wrong[0],))
@@ -497,7 +497,7 @@ class SceneSource:
         drawing, load, own = given.get("phonopy", {}), given["load"], given["packing"]
         packing = own["arrangement"] if "arrangement" in own else self._make_packing(given)
         out: dict[str, Any] = {"packing": packing}
-        kind = next((key for key in load if key in LOADS), "pressure")
+        kind = next((key for key in load if key in LOAD_KINDS), "pressure")
         with self.at("load", *[kind] * (kind in load)):
             if kind in TENSORS:
                 out["load"] = Load(**split_tensor(load), gravity=load.get("gravity"))

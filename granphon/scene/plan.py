@@ -368,7 +368,9 @@ class Plan:
             with self.origin.at(*place, before=found + (case.where and f"{case.where}: ")):
                 if "velocities" in self.observe:
                     try:
-                        case.medium.of(packing).require_rigid()
+                        if isinstance(packing, Packing):  # what a crystal's contacts hold is found with its state
+                            # the torsion of a Hertz contact depends on the load; how large it is does not matter here
+                            ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
                     except MechanismError as error:
                         mend = (
                             "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"

@@ -343,7 +343,7 @@ def load_kind(name: str) -> Kind:
     """Return the kind of the values of a load: the lattice says what a pressure is."""
 
     def read_one(value: Any, at: Context) -> float:
-        own = load_quantities(at.lattice.periods)[name]
+        own = load_quantities(at.lattice.pressed_axes)[name]
         try:
             return own.read(value)
         except Refused as refused:
@@ -356,7 +356,7 @@ def load_kind(name: str) -> Kind:
         lambda value, at: read_values(value, lambda one: read_one(one, at)),
         lambda load, at: (
             # gravity alone is a pressure of zero
-            write_values(load.values, load_quantities(at.lattice.periods)[name].write)
+            write_values(load.values, load_quantities(at.lattice.pressed_axes)[name].write)
             if load.kind == name and any(load.values)
             else None
         ),

@@ -15,7 +15,7 @@ from granphon.balls.packing import Packing, describe_packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import load_quantities
+from granphon.base.quantities import find_load_unit
 from granphon.base.text import parse_yaml
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -85,7 +85,7 @@ class Scene(Plan):
         load, periods = self.load, self.packing.structure.periods
         rows: list[tuple[str, Any, str]] = [
             *(describe_packing(self.packing) if isinstance(self.packing, Packing) else self.packing.describe()),
-            (load.kind.replace("_", " "), load.array, load_quantities(periods)[load.kind].unit),
+            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, periods)),
             *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
             *(("medium", describe_medium(one.label, periods, self.packing.structure.n_balls), "") for one in self.media),
             *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in self.parameters),
