@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief, message
+from granphon.networks.network import refuse_unpressed
 from granphon.runs.dataset import find_dataset
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
+        refuse_unpressed(result)
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
     draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given, options)

@@ -16,17 +16,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Self
+from operator import attrgetter
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import compose
-from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, WRONG_UNIT, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, require_joined
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.errors import InputError, brief, message
@@ -40,9 +42,6 @@ from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Edge = Literal["free", "clamped", "floor"]
-#: how an edge may be held
-EDGES = ("free", "clamped", "floor")
 #: structures of two kinds of balls, beside the lattices that have a name
 STRUCTURES = ("NaCl", "CsCl", "zincblende")
 #: most cells of a supercell along a period, and most layers of a cut
@@ -84,7 +83,8 @@ class Crystal:
     law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
         pairs of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the
         methods of :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives
-        once.
+        once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
+        opens; or it adheres down to its ``least_overlap``, and is zero below that.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
         where the contact radius a of any law is that of its stiffness k = 2 E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
@@ -146,7 +146,8 @@ class Crystal:
             raise InputError(message(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"))
         if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
             what = f"the cell of crystal {name!r} has no room for a ball"
-            raise InputError(message(what, "Its vectors are too short, or not independent", "Give lengths in m"))
+            why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
+            raise InputError(message(what, why, "Give lengths in m"))
         if p == 0 and n == 1:
             raise InputError(message("a single ball without a period touches nothing", mend="Give a cell"))
         contacts = find_contacts(vectors, places, name, radii)
@@ -209,7 +210,10 @@ class Crystal:
             said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
             what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
             raise InputError(message(what, said, "Give balls of one size, or cell and positions at which they touch"))
-        return cls(balls_on, scale * structure.vectors, scale * structure.positions, **({"name": structure.name} | options))
+        cell = scale * structure.vectors
+        if len(given) == structure.n_balls == 2:
+            _require_fit(given, cell, structure.name)
+        return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
     @classmethod
     def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
@@ -333,7 +337,9 @@ class Crystal:
         Parameters
         ----------
         axis : the number of the vector of the cell along which layers follow each other; or the integer Miller indices of
-            their plane, one for each vector of the cell.
+            their plane, one for each vector of the cell as given, or the four of a hexagonal cell. The cells of fcc, bcc,
+            diamond and NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made
+            whole numbers, in these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
             plane touches the outer balls. One word for both, or (lower, upper).
@@ -346,49 +352,23 @@ class Crystal:
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count * self.n_balls)
-        words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
-        if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
-            raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
-        basis = _layer_basis(axis, self.periods, self.cell)
-        p, d, n = self.periods, self.dimension, self.n_balls
-        # the crystal turned: the vectors within a layer first
-        vectors = basis @ self.cell
-        inner, stack = vectors[:-1], vectors[-1]
-        turn = np.eye(d)
-        if np.any(np.abs(inner[:, p - 1 :]) > 1e-12 * np.max(np.abs(vectors))) or stack[p - 1] < 0.0:
-            q, r = np.linalg.qr(vectors[:, :p].T)
-            turn[:p, :p] = (q * np.sign(np.diag(r))).T
-        if np.linalg.det(turn) < 0.0 and p > 1:
-            basis[0], inner = -basis[0], inner * np.where(np.arange(p - 1) == 0, -1.0, 1.0)[:, None]
-            q, r = np.linalg.qr((basis @ self.cell)[:, :p].T)
-            turn[:p, :p] = (q * np.sign(np.diag(r))).T
-        vectors = basis @ self.cell @ turn.T
-        inner, stack = vectors[:-1], vectors[-1]
-        inner[:, p - 1 :] = 0.0
-        level = np.arange(count)
-        table = self.contacts
-        shift = np.rint(table.shift @ np.linalg.inv(basis)).astype(np.intp)
-        up = level[:, None] + shift[:, -1]
-        inside = (up >= 0) & (up < count)
-        layer, row = np.nonzero(inside)
+        words, layering = read_edges(edges), Layers.across(axis, self.cell)
+        p, d, n, table, turn = self.periods, self.dimension, self.n_balls, self.contacts, layering.turn
+        level, stack = np.arange(count), layering.stack
+        i, j, row, shift = layering.unfold(table.i, table.j, table.shift, n, count)
         normal, vector = table.normal @ turn.T, table.vector @ turn.T
         contacts = ContactTable(
-            read_only(layer * n + table.i[row]), read_only(up[layer, row] * n + table.j[row]), read_only(shift[row, :-1]),
-            *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
+            *map(read_only, (i, j, shift)), *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
         )  # fmt: skip
         positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
         kind, a = np.tile(self.kind, count), p - 1
         radii = np.tile(self.radii, count)
         faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
-        outer = []
-        for side, word, own in ((-1.0, words[0], 0), (1.0, words[1], count - 1)):
-            top = side * positions[:, a] + radii
-            touched = np.flatnonzero(top >= top.max() - TOUCH * radii.max())
-            outer.append(own * n + np.arange(n) if word == "clamped" else touched)
+        outer = find_faces(positions[:, a], radii, words, n)
         thickness = count * abs(float(stack[a]))
         other = self._derive(
-            kind=kind, cell=inner, positions=positions, contacts=contacts,
-            faces=(*faces, _Faces(a, thickness, (words[0], words[1]), (outer[0], outer[1]))),
+            kind=kind, cell=layering.cell, positions=positions, contacts=contacts,
+            faces=(*faces, _Faces(a, thickness, words, outer)),
         )  # fmt: skip
         other._require_joined()
         return other
@@ -689,7 +669,7 @@ class Crystal:
             still = np.zeros(len(force), bool)
             unit = ("", "N", "N/m", "Pa")[self.periods]
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
-            return Push(force, still, np.zeros(len(force)), one, pressed, words)
+            return Push(force, still, np.zeros(len(force)), one, pressed, words, self._tell_lift(field))
 
         return self._solve_each(values, push, finite_overlap, 2)
 
@@ -775,6 +755,22 @@ class Crystal:
             out[: frame.n_free] = (self.masses[free, None] * field).ravel()
         return out
 
+    def _tell_lift(self, field: Array | None) -> tuple[str, str] | None:
+        """Say, as a reason and what mends it, that gravity acts away from what the balls stand on; None if it does not."""
+        if field is None:
+            return None
+        for face in self.faces:
+            low, high = face.edges
+            way = field[face.axis] if low != "free" else -field[face.axis]
+            if way > 0.0 and (low, high) != ("clamped", "clamped"):
+                others = math.prod(one.thickness for one in self.faces if one is not face)
+                weight = float(np.sum(self.masses[self._frame[1] >= 0])) * way / (self.measure * others)
+                unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
+                word, sign = (low, "") if low != "free" else (high, "-")
+                why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
+                return why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
+        return None
+
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         frame, place, _ = self._frame
         force = self._weigh(field)
@@ -802,7 +798,7 @@ class Crystal:
             words += f" {unit} with gravity"
         else:
             words += f" {unit}"
-        return Push(force + pressed, held, given, stress, pressed, words)
+        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field))
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
@@ -845,12 +841,16 @@ class Crystal:
             loaded = force != 0.0
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
-            if abs(off) <= _MEAN or (abs(off) <= 1e-13 and abs(off) >= last):
+            stiffness = springs.stiffness(rest.overlap)
+            rounded = 1e-13
+            if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
+                parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
+                rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
+            if abs(off) <= _MEAN or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
             # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
-            stiffness = springs.stiffness(rest.overlap)
             power = float(np.mean(force[loaded]) / np.mean((stiffness * rest.overlap)[loaded]))
             grow = goal / mean if mean / goal > 0.0 else 2.0
             new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
@@ -858,6 +858,8 @@ class Crystal:
             start = Rest(factor * rest.x, factor * rest.overlap, rest.normal)
             pressure = new if low < new < high else 0.5 * (low + min(high, 2.0 * pressure))
             if pressure in (low, high):
+                if abs(off) <= rounded:
+                    return rest, push
                 break
         what = f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any pressure"
         why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + (
@@ -1039,11 +1041,11 @@ class CrystalState:
             )
 
     @cached_property
-    def limits(self) -> list[tuple[str, Array, float, str]]:
-        """What limits the state: a name, the value at each load, what it may be at most, and what is said beyond that.
+    def limits(self) -> list[tuple[str, Array, float, bool, str]]:
+        """What limits the state: a name, the value at each load, the limit, whether it is a lower one, and what to say beyond.
 
         They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
-        pressure of a contact over the yield strength, each the largest over the contacts; pure numbers.
+        pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
         """
         crystal, table = self.crystal, self.crystal.contacts
         small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal.radii[at] for _, _, at in crystal._floors)])
@@ -1052,11 +1054,17 @@ class CrystalState:
             f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
             f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot"
         )
-        out = [("contact_radius", np.asarray(ratio), MOST_CONTACT_RADIUS, said)]
+        out = [("contact_radius", np.asarray(ratio), MOST_CONTACT_RADIUS, False, said)]
         if np.any(np.isfinite(crystal._springs.most)):
             over = np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
             said = "an overlap is beyond the table of its contact law, which goes on as a power"
-            out.append(("table", np.asarray(over), 1.0, said))
+            out.append(("table", np.asarray(over), 1.0, False, said))
+        for name, (attribute, what, unit, limit, at_least) in BALL_LIMITS.items():
+            for ball, called in zip(crystal.kinds, crystal.names, strict=True):
+                value = attrgetter(attribute)(ball)
+                if (value < limit) if at_least else (value > limit):
+                    said = f"the {what} of ball {called} is {value:.4g} {unit}, {'less' if at_least else 'more'} than"
+                    out.append((name, np.full(self.shape, value), limit, at_least, f"{said} {limit:g} {unit}: {WRONG_UNIT}"))
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
@@ -1067,7 +1075,7 @@ class CrystalState:
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             part = np.max(mean / weak, axis=-1)
             said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
-            out.append(("yield", np.asarray(part), _YIELD, f"{said}: it yields from {_YIELD} on"))
+            out.append(("yield", np.asarray(part), _YIELD, False, f"{said}: it yields from {_YIELD} on"))
         return out
 
     @property
@@ -1075,15 +1083,18 @@ class CrystalState:
         """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
 
         The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
-        yield strength, if that is given, and the overlap within the table of a tabulated law.
+        yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
+        modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
-        met = np.all([value <= limit for _, value, limit, _ in self.limits], axis=0)
+        met = np.all([value >= limit if least else value <= limit for _, value, limit, least, _ in self.limits], axis=0)
         return bool(met) if self.is_single else np.asarray(met)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the state, in words; empty if nothing is."""
-        return tuple(said for _, value, limit, said in self.limits if np.any(value > limit))
+        return tuple(
+            said for _, value, limit, least, said in self.limits if np.any(value < limit if least else value > limit)
+        )
 
     @cached_property
     def network(self) -> ContactNetwork:
@@ -1192,6 +1203,20 @@ def _name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) 
     return found
 
 
+def _require_fit(balls: Sequence[Ball], cell: Array, name: str) -> None:
+    """Raise :class:`InputError` if the larger of two balls of a cell touch each other before they touch the smaller."""
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(cell)), axis=-1).reshape(-1, len(cell))
+    apart = float(np.min(np.linalg.norm(steps[np.any(steps, axis=1)] @ cell, axis=1)))
+    small, large = sorted(balls, key=lambda ball: ball.diameter)
+    if apart >= large.diameter * (1.0 - TOUCH):
+        return
+    least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / apart) - large.diameter
+    which = f"ball {small.name or 'AB'[balls.index(small)]} of {small.diameter:g} m is too small for its site in {name}"
+    why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the diameters is"
+    why += f" {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
+    raise InputError(message(which, why, f"Give it a diameter of {least:.6g} m or more"))
+
+
 def _find_structure(name: str | Lattice) -> Lattice:
     """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
     key = name.lower() if isinstance(name, str) else ""
@@ -1206,42 +1231,3 @@ def _find_structure(name: str | Lattice) -> Lattice:
         return find_lattice(name)
     mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
     raise InputError(message(f"unknown lattice {brief(name)}", mend=mend))
-
-
-def _layer_basis(axis: Any, periods: int, cell: Array) -> NDArray[np.intp]:
-    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
-    if not periods:
-        raise InputError(message("the crystal has no period across which it could be cut"))
-    whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
-    basis = np.eye(periods, dtype=np.intp)
-    if whole and 0 <= axis < periods:
-        return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
-    given = np.asarray(axis)
-    if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > 100:
-        what = f"axis is {brief(axis)}"
-        indices = counted(periods, "Miller index", "Miller indices")
-        raise InputError(message(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"))
-    # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
-    value = (given // np.gcd.reduce(given)).astype(np.intp)
-    while np.count_nonzero(value) > 1:
-        least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
-        for other in np.flatnonzero(value):
-            if other != least:
-                times = int(np.rint(value[other] / value[least]))
-                value[other] -= times * value[least]
-                basis[other] -= times * basis[least]
-    last = int(np.flatnonzero(value)[0])
-    stack = basis[last] * int(np.sign(value[last]))
-    inner = np.delete(basis, last, axis=0)
-    # the shortest vectors within the plane, and the most upright one across it
-    for _ in range(100):
-        before = inner.copy()
-        if len(inner) == 2:
-            inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
-            short = inner[0] @ cell
-            inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
-        if np.array_equal(before, inner):
-            break
-    if len(inner):
-        stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
-    return np.concatenate([inner, stack[None]])

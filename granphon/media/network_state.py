@@ -14,7 +14,7 @@ from granphon.base.scales import Units
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import is_cubic
 from granphon.media.state import ContactState, State
-from granphon.networks.network import ContactNetwork, given_network
+from granphon.networks.network import ContactNetwork, given_network, refuse_unpressed
 
 Array = NDArray[np.float64]
 
@@ -199,6 +199,7 @@ def given_state(state: Any) -> ContactState:
     if isinstance(state, NetworkStates):
         given_network(state.source)  # an error: it has several loads
     if not isinstance(state, ContactState):
+        refuse_unpressed(state)
         why = "It needs the contact law of a packing" if isinstance(state, NetworkState | ContactNetwork) else ""
         mend = "Give a ContactState, as medium.at_force gives it"
         raise InputError(message(f"state is {brief(getattr(state, 'network', state))}", why, mend))

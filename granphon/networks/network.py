@@ -15,12 +15,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_table import require_joined
 from granphon.balls.lattices import Lattice
+from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.base.validation import lengths, real_array, require, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
@@ -404,6 +407,114 @@ class ContactNetwork(Result):
             **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
         )  # fmt: skip
 
+    def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
+        """Return so many layers of the network, which no longer repeat across them: a strip, slab, column or flake.
+
+        Contacts have the stiffness of the bulk: a cut says what waves do at an edge, not how the edge came to rest.
+
+        Parameters
+        ----------
+        axis : the number, among the periods, of the vector along which layers follow each other; or the integer Miller
+            indices of their plane, one for each period.
+        layers : their number, in cells.
+        edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not move; "floor", a rigid
+            plane touches the outer balls, with the mean stiffness of the contacts that each of them has lost there, and
+            their force across the edge. One word for both, or (lower, upper).
+
+        The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
+        from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
+        along x or in the xy plane.
+
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that some contacts
+        reach across all of them, if layers do not hang together, and if no ball is left that moves, or one that a clamp
+        holds touches none of those.
+        """
+        count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
+        periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
+        level = find_axes(self.cell[periods, :d]) if periods.size else np.eye(d)
+        cut = Layers.across(axis, self.cell[periods, :d] @ level.T)
+        turn, stack, p = np.eye(3), np.zeros(3), len(cut.cell)
+        turn[:d, :d], stack[:d] = cut.turn @ level, cut.stack
+        _, rise = cut.split(self.shift[:, periods])
+        if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
+            what = f"some contacts reach across {counted(count, 'layer')}"
+            raise InputError(message(what, "None of them would be left", f"Give {reach + 1} layers or more"))
+        i, j, row, inner = cut.unfold(self.i, self.j, self.shift[:, periods], n, count)
+        balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
+        balls["positions"] = ((self.positions @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
+        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n)
+        contacts: dict[str, Any] = {name: getattr(self, name)[row] for name in self.contact_fields}
+        contacts |= {name: contacts[name] @ turn.T for name in ("normal", "tangential_force") if name in contacts}
+        contacts |= {"i": i, "j": j, "shift": np.pad(inner, ((0, 0), (0, 3 - p)))}
+        # what each ball of a layer has lost at a face: contacts, as seen from it, that lead out through the face
+        total = n * count
+        for side, word, at in zip((-1.0, 1.0), words, faces, strict=True):
+            if word == "clamped":
+                balls["masses"][at] = np.inf
+            if word != "floor":
+                continue
+            toward = self.normal @ turn.T[:, p]
+            own, lost = [], []
+            for ball, up, sign in ((self.i, rise, 1.0), (self.j, -rise, -1.0)):
+                out = np.flatnonzero(side * up > 0)
+                # the ball is so deep below the face that the other end of the contact is outside
+                deep = [out[np.abs(up[out]) > depth] for depth in range(reach)]
+                own += [ball[one] + n * (depth if side < 0.0 else count - 1 - depth) for depth, one in enumerate(deep)]
+                lost += [np.stack([one, np.full(len(one), int(sign))]) for one in deep]
+            ball, (which, sign) = np.concatenate(own), np.concatenate(lost, axis=1)
+            spare = np.setdiff1d(at, ball)
+            if spare.size:
+                what = f"ball {spare[0]} of the {'lower' if side < 0.0 else 'upper'} face has lost no contact there"
+                raise InputError(message(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it"))
+            place = np.full(total, len(at))
+            place[at] = np.arange(len(at))
+            kept = place[ball] < len(at)
+            place, which, sign = place[ball][kept], which[kept], sign[kept]
+            share, m = np.bincount(place), len(at)
+            wall: dict[str, Any] = {
+                name: np.bincount(place, getattr(self, name)[which]) / share
+                for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+            }
+            wall["normal_force"] = np.bincount(place, self.normal_force[which] * sign * side * toward[which])
+            normal = np.zeros((m, 3))
+            normal[:, p] = side
+            arm = np.where(sign > 0.0, self.arm_i[which], self.arm_j[which])
+            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "shift": np.zeros((m, 3), np.intp), "normal": normal}
+            wall |= {"arm_i": np.bincount(place, arm) / share, "arm_j": np.zeros(m)}
+            if "tangential_force" in contacts:
+                wall["tangential_force"] = np.zeros((m, 3))
+            contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
+            spot = np.zeros(3)
+            spot[p] = np.mean(balls["positions"][at, p] + side * balls["radii"][at])
+            balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
+            balls["positions"] = np.concatenate([balls["positions"], spot[None]])
+        still = np.isinf(balls["masses"])
+        live = ~(still[contacts["i"]] & still[contacts["j"]])
+        contacts = {name: values[live] for name, values in contacts.items()}
+        if np.all(still):
+            raise InputError(
+                message(f"no ball moves in {counted(count, 'layer')} with these edges", mend="Give more layers")
+            )
+        i, j, inner = (contacts[name] for name in ("i", "j", "shift"))
+        for word, at in zip(words, faces, strict=True):
+            if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
+                raise InputError(message("the clamped balls of an edge touch none that moves", mend="Give more layers"))
+        # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
+        name = np.where(still, np.count_nonzero(~still), np.cumsum(~still) - 1)
+        size = int(np.count_nonzero(~still))
+        ends, held = (name[i], name[j]), bool(np.any(still))
+        rings = np.eye(p, dtype=np.intp) if held else np.zeros((0, p), np.intp)
+        require_joined(
+            np.append(ends[0], np.full(len(rings), size)), np.append(ends[1], np.full(len(rings), size)),
+            np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network", mend="Give more layers",
+        )  # fmt: skip
+        cell = np.zeros((3, 3))
+        cell[:p, :d] = cut.cell
+        return replace(
+            self, cell=cell, pbc=(p > 0, p > 1, False), **balls, **contacts, left_out=self.left_out * count, labels=None,
+            lattice=None, shape=None,
+        )  # fmt: skip
+
     @classmethod
     def from_table(
         cls, balls: Any, contacts: Any, *, material: Material | None = None, cell: ArrayLike | None = None,
@@ -527,7 +638,16 @@ def given_network(source: Any) -> ContactNetwork:
     if isinstance(found, ContactNetwork):
         return found
     mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
+    refuse_unpressed(source)
     raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
+
+
+def refuse_unpressed(source: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be pressed first."""
+    if hasattr(source, "at_force") and not isinstance(source, type):
+        name = type(source).__name__
+        mend = f"Press it, and give its state: {name.lower()}.at_force(...), in N, or another of its methods at_..."
+        raise InputError(message(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend))
 
 
 # -- what it must be ---------------------------------------------------------------------------------------------------

@@ -138,14 +138,14 @@ def describe_page(
     # the ends of the slider of the load, N
     most = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
     least, most = _BELOW * min(forces), min(_ABOVE * max(forces), most)
-    widest = (forces[0] / (_LEAST_REDUCED * law.coefficient)) ** (2.0 / 3.0)
+    widest = float(law.overlap(forces[0] / _LEAST_REDUCED))
     widest = min(max(widest, 2.0 * packing.width), 0.5 * packing.diameter)
     most_friction = max(1.0, packing.mindlin_ratio)
     torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
     most_rolling = max(_MOST_ROLLING, 2.0 * packing.bending, 2.0 * float(torsion))
     tables = []
     for choice in dict.fromkeys(chosen):
-        least_reduced = least / (law.coefficient * widest**1.5)
+        least_reduced = least / float(law.force(widest))
         table = tabulate_medium(packing, choice, least_reduced, most_friction, most_rolling)
         if table["refusal"] and packing.spread_matters:  # what the scene asks for must be possible
             raise MechanismError(table["refusal"])
