@@ -1042,7 +1042,7 @@ class CrystalState:
 
     @cached_property
     def limits(self) -> list[tuple[str, Array, float, bool, str]]:
-        """What limits the state: a name, the value at each load, the limit, whether it is a lower one, and what to say beyond.
+        """What limits the state: name, value at each load, limit, whether that is a lower one, and what is said beyond it.
 
         They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
         pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.

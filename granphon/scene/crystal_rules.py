@@ -11,13 +11,14 @@ import numpy as np
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, TabulatedLaw
 from granphon.balls.lattices import LATTICES
+from granphon.balls.layers import EDGES
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.quantities import ADHESION, INERTIA, LENGTH, LOADS, MASS, Quantity, tensor_quantities
 from granphon.base.text import show
 from granphon.base.validation import Rule, above_zero, block, choice, each, is_whole, label, number, read_inside, whole
-from granphon.media.crystal import EDGES, STRUCTURES
+from granphon.media.crystal import STRUCTURES
 from granphon.scene.rules import PARTS, Context, Kind, read_lattice, read_values, refusing, write_lattice, write_values
 
 _PLACE = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
