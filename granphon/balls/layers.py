@@ -69,6 +69,12 @@ class Layers:
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]
 
+    def turn_space(self) -> Array:
+        """Return :attr:`turn` as a rotation (3, 3) of space."""
+        turn, d = np.eye(3), len(self.turn)
+        turn[:d, :d] = self.turn
+        return turn
+
     def unfold(self, i: Index, j: Index, shift: Index, n: int, count: int) -> tuple[Index, Index, Index, Index]:
         """Return the contacts among ``count`` layers of ``n`` balls each, from those of a cell, ``shift`` (n_c, p).
 

@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_table import require_joined
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
@@ -24,7 +25,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import lengths, real_array, require, truth, whole_number
+from granphon.base.validation import label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]
@@ -86,6 +87,7 @@ class ContactNetwork(Result):
     lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
         cells, ball by ball of each cell; None for a network of another kind.
     adhesive : whether contacts may pull; tables of such a network are not read again.
+    kinds : (n,) names of the kinds of the balls, by which pictures and files tell them apart; None if they are not known.
 
     Raises
     ------
@@ -103,7 +105,7 @@ class ContactNetwork(Result):
         "cell": "3 3", "positions": "n 3", "radii": "n", "masses": "n", "inertias": "n", "i": "c", "j": "c", "shift": "c 3",
         "normal": "c 3", "normal_force": "c", "normal_stiffness": "c", "shear_stiffness": "c", "torsion_stiffness": "c",
         "bending_stiffness": "c", "arm_i": "c", "arm_j": "c", "labels": "n?",
-        "tangential_force": "c 3?",
+        "tangential_force": "c 3?", "kinds": "n?",
     }  # fmt: skip
 
     cell: Array
@@ -132,6 +134,7 @@ class ContactNetwork(Result):
     shape: tuple[int, ...] | None = None
     tangential_force: Array | None = None
     adhesive: bool = False
+    kinds: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         plain: Any = self.pbc.tolist() if isinstance(self.pbc, np.ndarray) else self.pbc
@@ -144,9 +147,13 @@ class ContactNetwork(Result):
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
+        if self.kinds is not None:
+            given["kinds"] = require("kinds", text_list, self.kinds)
+            for name in dict.fromkeys(given["kinds"]):
+                require("the name of a kind", label, name)
         for name, layout in self._shapes.items():
             values = getattr(self, name)
-            if not (values is None and layout.endswith("?")):
+            if name != "kinds" and not (values is None and layout.endswith("?")):
                 given[name] = read_only((read_whole_numbers if name in _WHOLE else real_array)(name, values))
         if given["cell"].shape == (3, 3):  # a vector along which nothing repeats has no meaning
             given["cell"] = read_only(np.where(np.array(given["pbc"])[:, None], given["cell"], 0.0))
@@ -355,6 +362,7 @@ class ContactNetwork(Result):
         fields: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)}
         fields |= {name: getattr(self, name)[among] for name in self.contact_fields}
         fields |= {"i": i[among], "j": j[among], "labels": names[chosen], "lattice": None, "shape": None}
+        fields["kinds"] = self.kinds and tuple(map(self.kinds.__getitem__, chosen.tolist()))
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
@@ -402,10 +410,17 @@ class ContactNetwork(Result):
         return replace(
             self, cell=self.cell * full[:, None],
             positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
-            left_out=self.left_out * count, labels=None, **contacts,
+            left_out=self.left_out * count, labels=None, kinds=self.kinds and self.kinds * count, **contacts,
             # balls of many arrays side by side are not in the order of the cells of one
             **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
         )  # fmt: skip
+
+    def layers_across(self, axis: Any) -> Layers:
+        """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for another axis."""
+        cell = self.cell[np.flatnonzero(self.pbc), : self.dimension]
+        level = find_axes(cell) if len(cell) else np.eye(self.dimension)
+        found = Layers.across(axis, cell @ level.T)
+        return replace(found, turn=found.turn @ level)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the network, which no longer repeat across them: a strip, slab, column or flake.
@@ -431,10 +446,8 @@ class ContactNetwork(Result):
         """
         count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
-        level = find_axes(self.cell[periods, :d]) if periods.size else np.eye(d)
-        cut = Layers.across(axis, self.cell[periods, :d] @ level.T)
-        turn, stack, p = np.eye(3), np.zeros(3), len(cut.cell)
-        turn[:d, :d], stack[:d] = cut.turn @ level, cut.stack
+        cut, stack = self.layers_across(axis), np.zeros(3)
+        turn, p, stack[:d] = cut.turn_space(), len(cut.cell), cut.stack
         _, rise = cut.split(self.shift[:, periods])
         if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
             what = f"some contacts reach across {counted(count, 'layer')}"
@@ -510,9 +523,10 @@ class ContactNetwork(Result):
         )  # fmt: skip
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
+        floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)
         return replace(
             self, cell=cell, pbc=(p > 0, p > 1, False), **balls, **contacts, left_out=self.left_out * count, labels=None,
-            lattice=None, shape=None,
+            lattice=None, shape=None, kinds=self.kinds and self.kinds * count + floors,
         )  # fmt: skip
 
     @classmethod
@@ -527,8 +541,9 @@ class ContactNetwork(Result):
         Each table is the path of a CSV file whose headings have units, such as ``radius (mm)``; or
         arrays in SI under the same names without units: a mapping, a structured array or a data frame. Balls have ``x``,
         ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line), ``radius`` or ``diameter``; ``mass`` if there is no
-        material; and, if need be, ``inertia`` (default: a solid sphere) and ``id``, the whole numbers that name them
-        (default: 0, 1, 2, ...). Contacts have ``i`` and ``j``, which name two balls, and if need be ``normal_force``
+        material; and, if need be, ``inertia`` (default: a solid sphere), ``id``, the whole numbers that name them
+        (default: 0, 1, 2, ...), and ``kind``, names of their kinds. Contacts have ``i`` and ``j``, which name two balls, and
+        if need be ``normal_force``
         (default: Hertz's at the overlap of the two balls), ``normal_stiffness`` and ``shear_stiffness`` (default: those of
         Hertz and Mindlin under this force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``,
         ``nz`` (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less half the overlap),
@@ -645,8 +660,8 @@ def given_network(source: Any) -> ContactNetwork:
 def refuse_unpressed(source: Any) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be pressed first."""
     if hasattr(source, "at_force") and not isinstance(source, type):
-        name = type(source).__name__
-        mend = f"Press it, and give its state: {name.lower()}.at_force(...), in N, or another of its methods at_..."
+        name = "crystal" if hasattr(source, "cut") else "medium"
+        mend = f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods at_..."
         raise InputError(message(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend))
 
 

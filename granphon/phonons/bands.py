@@ -33,6 +33,8 @@ from granphon.phonons.phonopy_atoms import (
 )  # fmt: skip
 
 Array = NDArray[np.float64]
+#: difference of frequencies, over the top one, at which branches coincide
+_COINCIDE = 1e-6
 #: share of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
 #: highest frequency in units of the scales: that of a stiff contact, (k/M)^(1/2), is of order one
@@ -182,6 +184,31 @@ class Bands(Result):
         """
         rest = 1.0 - self.rotational_fraction - self.longitudinal_fraction - self.out_of_plane_fraction
         return np.asarray(np.clip(rest, 0.0, 1.0))
+
+    @cached_property
+    def edge_weight(self) -> Array:
+        """Fraction of the kinetic energy in the outer quarter of a cut, lower and upper edge, (s, p, b, 2), 0 to 1.
+
+        Where branches coincide, the modes are taken that are most at one edge. Raises
+        :class:`~granphon.base.errors.InputError` of a lattice that is not a cut: all balls are at one height.
+        """
+        heights = (self.positions @ self.cell)[:, min(sum(self.pbc), 2)]
+        low, high = float(heights.min()), float(heights.max())
+        if not high - low > 1e-9 * float(np.abs(self.cell).max()):
+            raise InputError(message("the lattice has no edges", mend="Take bands of network.cut(axis, layers)"))
+        quarter = 0.25 * (1.0 + 1e-9) * (high - low)
+        masks = np.stack([heights <= low + quarter, heights >= high - quarter])
+        found = np.einsum("ei,spicb->spbe", masks.astype(float), np.abs(self._motion) ** 2, optimize=True)
+        close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
+        for s, p in np.argwhere(np.any(close, axis=2)):
+            splits = np.split(np.arange(self.n_branches), np.flatnonzero(~close[s, p]) + 1)
+            for group in (one for one in splits if len(one) > 1):
+                motion = self._motion[s, p][..., group]
+                low, high = (np.einsum("icb,icd->bd", motion[mask].conj(), motion[mask]) for mask in masks)
+                turned = np.linalg.eigh(high - low)[1]
+                for edge, each in enumerate((low, high)):
+                    found[s, p, group, edge] = np.einsum("ba,bc,ca->a", turned.conj(), each, turned).real
+        return np.asarray(np.clip(found, 0.0, 1.0))
 
     @cached_property
     def connection(self) -> NDArray[np.intp]:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
+from granphon.balls.packing import given_packing
 from granphon.balls.parameters import Axis, find_double
 from granphon.base.errors import (
     ConvergenceError,
@@ -158,6 +159,8 @@ def sweep(
     """
     if isinstance(packing, Crystal):
         packing = Arrangement.of(packing)
+    if not isinstance(packing, Arrangement):
+        given_packing(packing)
     media = media if media is not None else (CrystalMedium.name if isinstance(packing, Arrangement) else "ala")
     if load is not None and any(one is not None for one in (force, pressure, overlap)):
         raise InputError(message("a load is given twice", mend="Give load alone, or one of force, pressure, overlap"))
