@@ -640,7 +640,7 @@ class Crystal:
     def at_overlap(
         self, overlap: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
     ) -> CrystalState:
-        """Return the state at which contacts have the mean ``overlap``, m; as :meth:`at_force`."""
+        """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`, ``gravity`` too."""
         return self._at_mean("overlap", overlap, gravity, finite_overlap)
 
     def at_stress(
@@ -695,9 +695,7 @@ class Crystal:
         values = self._read_tensor("strain", strain, 0.5)
         if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
             what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
-            raise InputError(
-                message(what, "Nothing is left of a length that is shortened by all of it", "Give a strain above -1")
-            )
+            raise InputError(message(what, "Nothing would be left of it", "Give a strain above -1"))
         field = self._read_gravity(gravity)
 
         def push(one: Array) -> Push:

@@ -40,15 +40,11 @@ class Medium(Protocol):
         ...
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the pressure P: N/m in the plane, Pa in space, N on a line.
-
-        P d = sqrt(3) f on the triangular lattice (equation 20), P d^2 = 2 sqrt(2) f in fcc. With ``finite_overlap`` the
-        boundary shrinks with the balls, and the spacing a takes the place of d.
-        """
+        """State at the pressure P (N/m, Pa or N), on a boundary that shrinks with the balls if ``finite_overlap``."""
         ...
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
+        """State at the overlap delta = d - a, m."""
         ...
 
 
@@ -124,15 +120,19 @@ class MediumBase(ABC, Generic[StateT]):
         """Return the state at a load, with the shape of the values of the load."""
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """See :meth:`Medium.at_force`."""
+        """State at the mean contact force f, N."""
         return self.at(Load("force", force), finite_overlap=finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """See :meth:`Medium.at_pressure`."""
+        """State at the pressure P: N/m in the plane, Pa in space, N on a line.
+
+        P d = sqrt(3) f on the triangular lattice (equation 20), P d^2 = 2 sqrt(2) f in fcc. With ``finite_overlap`` the
+        boundary shrinks with the balls, and the spacing a takes the place of d.
+        """
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """See :meth:`Medium.at_overlap`."""
+        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
 
