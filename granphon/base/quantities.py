@@ -79,9 +79,8 @@ class Quantity:
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
         sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[self.least]
-        return (
-            f"a{'n' * (self.name[0] in 'aeiou')} {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
-        )
+        article = "an" if self.name[0] in "aeiou" else "a"
+        return f"{article} {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
 
     def read(self, value: Any) -> float:
         """Read a text such as "8 mm": return the float nearest to its SI value.
