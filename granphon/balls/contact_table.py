@@ -165,7 +165,9 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
         if given:
             why = f"Balls {i[at]} and {j[at]} are {distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
         mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
-        if given and least * _LIKE < 1.0 / _UNITS["cm"]:
+        if given and distance[at] <= TOUCH * touch[at]:
+            mend = "Give each site of the cell once; places that differ by vectors of the cell are one site"
+        elif given and least * _LIKE < 1.0 / _UNITS["cm"]:
             mend = "Compare the units: diameters, cell and positions are in m"
         raise InputError(message(f"balls of {called} overlap", why, mend))
     touching = np.flatnonzero(off <= TOUCH)
@@ -195,8 +197,9 @@ def _tell_nearest(cell: Array, positions: Array, radii: Array, ball: int) -> tup
     """Say how far a ball is from the one that is nearest to touching it, and the unit that this looks like."""
     steps = _list_steps(cell, math.inf, np.ones(len(cell)))
     positions = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
-    away = positions[:, None] + steps @ cell - positions[ball]
-    gaps = np.linalg.norm(away, axis=-1) / (radii + radii[ball])[:, None]
+    with np.errstate(over="ignore"):
+        away = positions[:, None] + steps @ cell - positions[ball]
+        gaps = np.linalg.norm(away, axis=-1) / (radii + radii[ball])[:, None]
     gaps[ball, ~np.any(steps, axis=1)] = np.inf
     other, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
     ratio, touch = float(np.min(gaps)), float(radii[other] + radii[ball])

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,7 +35,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, lengths, real_array, require, truth, whole_number
+from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
@@ -123,6 +123,7 @@ class Crystal:
         self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
         motions: str | None = None, torsion: float | str = 0.0, bending: float = 0.0, name: str = "of these balls",
     ) -> None:  # fmt: skip
+        require("name", label, name)
         places = real_array("positions", positions)
         vectors = real_array("cell", cell)
         if places.ndim != 2 or not len(places) or not 1 <= places.shape[1] <= 3:
@@ -135,7 +136,7 @@ class Crystal:
             raise InputError(message(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m"))
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
             raise InputError(message("the cell or a position of the crystal is not finite"))
-        given: list[Any] = [balls] if isinstance(balls, Ball) else list(balls)
+        given = _list_balls(balls)
         if len(given) != n:
             raise InputError(message(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site"))
         kinds, kind = _find_kinds(given)
@@ -188,7 +189,7 @@ class Crystal:
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
         because the radii do not fit the lattice.
         """
-        given = [balls] if isinstance(balls, Ball) else list(balls)
+        given = _list_balls(balls)
         _find_kinds(given)
         if lattice == "chain" or lattice is LATTICES["chain"]:
             steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
@@ -228,8 +229,12 @@ class Crystal:
         if not all(hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")):
             raise InputError(message(f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m"))
         symbols = atoms.get_chemical_symbols()
+        if not symbols or not isinstance(balls, Mapping):
+            what = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
+            raise InputError(message(what, mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more"))
         if missing := sorted(set(symbols) - set(balls)):
             raise InputError(message(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"))
+        _find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
         places, cell = np.array(atoms.positions, float), np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
         small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
@@ -475,7 +480,7 @@ class Crystal:
                 checked.add(id(found))
             laws.append(found)
         order = np.argsort(number, kind="stable")
-        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))
+        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
         return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
 
     @cached_property
@@ -566,12 +571,14 @@ class Crystal:
 
         Raises
         ------
-        InputError : a pressure that is not above zero (zero or above with gravity), gravity that nothing holds, or forces
-            that contacts cannot bear.
+        InputError : a pressure that is not above zero (zero or above with gravity; any if contacts adhere or are bonds),
+            gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values = finite_array("pressure", pressure)
         field = self._read_gravity(gravity)
+        if np.any(values):
+            self._require_pressable()
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
@@ -596,11 +603,7 @@ class Crystal:
     def at_overlap(
         self, overlap: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
     ) -> CrystalState:
-        """Return the state at rest under that hydrostatic pressure at which contacts have the mean ``overlap``, m.
-
-        The mean is that over the contacts that carry a load. ``gravity`` and ``finite_overlap``, and the errors, are those
-        of :meth:`at_pressure`.
-        """
+        """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`, ``gravity`` too."""
         return self._at_mean("overlap", overlap, gravity, finite_overlap)
 
     def at_stress(
@@ -644,16 +647,18 @@ class Crystal:
         Parameters
         ----------
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,) for xx, yy, zz, 2yz,
-        2xz,
-            2xy; or an array of these. It is measured from the cell in which balls only touch.
+            2xz, 2xy; or an array of these. It is measured from the cell in which balls only touch.
         gravity, finite_overlap : see :meth:`at_stress`.
 
         Raises
         ------
-        InputError : an array of another shape; a strain that opens all contacts.
+        InputError : an array of another shape; a strain that opens all contacts, or shortens a period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values = self._read_tensor("strain", strain, 0.5)
+        if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
+            what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
+            raise InputError(message(what, "Nothing would be left of it", "Give a strain above -1"))
         field = self._read_gravity(gravity)
 
         def push(one: Array) -> Push:
@@ -766,6 +771,7 @@ class Crystal:
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
         given, field = finite_array(kind, values), self._read_gravity(gravity)
+        self._require_pressable()
         if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
             why, mend = "One-sided contacts carry no tension", f"Give {kind} above zero"
@@ -779,6 +785,10 @@ class Crystal:
             each = [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()]
             return self._stack(given, each, 0, follows)
 
+    def _require_pressable(self) -> None:
+        if not (self.periods or self.faces):
+            raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
+
     def _find_mean(
         self, kind: str, goal: float, field: Array | None, follows: bool, frame: Frame, springs: Springs
     ) -> tuple[Rest, Push]:
@@ -789,8 +799,6 @@ class Crystal:
         # the pressure of a contact force, from the virial; of a column, that force
         area = frame.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
-        if not dimension:
-            raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
         pressure = size * float(np.sum(frame.distance)) / (dimension * area)
         low, high = 0.0, math.inf
         start: Rest | None = None
@@ -921,6 +929,8 @@ class CrystalState:
             raise InputError(message("the state has one load, and no index", mend="Use it as it is"))
         count, axes = int(np.prod(self.shape)), len(self.shape)
         where = np.arange(count).reshape(self.shape)[index]
+        if not np.size(where):
+            raise InputError(message(f"the index {brief(index)} selects none of the loads", mend="Select one or more"))
         chosen: dict[str, Any] = {}
         for name in _PER_LOAD:
             array = getattr(self, name)
@@ -1130,6 +1140,12 @@ def _in_double_precision(values: Array) -> Iterator[None]:
 
 def _both(face: _Faces, change: Any) -> tuple[Index, Index]:
     return read_only(change(face.balls[0])), read_only(change(face.balls[1]))
+
+
+def _list_balls(balls: Any) -> list[Any]:
+    if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
+        raise InputError(message(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball"))
+    return [balls] if isinstance(balls, Ball) else list(balls)
 
 
 def _find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:

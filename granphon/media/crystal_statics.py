@@ -483,6 +483,8 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
         if not (mean and np.all(np.isfinite(x)) and np.all(r > 0.0)):
             break
         deformed = np.eye(p) + frame.strain(x)
+        if p and np.min(np.linalg.eigvalsh(deformed)) <= 0.0:
+            break  # the cell is inside out
         area = float(np.linalg.det(deformed)) if p else 1.0
         wanted = push.force + (area - 1.0) * push.pressed
         if push.stress is not None and p:
@@ -496,7 +498,7 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
             best, kept = residual, Rest(x, overlap, normal, residual)
         if residual <= (_TOLERANCE if system.direct else _ITERATED) or (best <= _REQUIRED and stalled > 2):
             return kept
-        if stalled > 20 or area <= 0.0:
+        if stalled > 20:
             break
         stiffness = springs.stiffness(overlap)
         if system.factored:

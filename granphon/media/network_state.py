@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -41,6 +42,11 @@ class NetworkState(State):
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice of contacts, in reduced units."""
         return self._lattice
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are not known."""
+        return tuple(itertools.compress(self.network.kinds or (), self.network.moving))
 
     @property
     def reference_lattice(self) -> ContactLattice:

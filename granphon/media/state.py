@@ -102,6 +102,11 @@ class State(ABC):
         """Name of the lattice, in messages."""
 
     @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls of the cell, (n,); empty if they are not known."""
+        return ()
+
+    @property
     @abstractmethod
     def shape(self) -> tuple[int, ...]:
         """Shape of the load; () for a single one."""

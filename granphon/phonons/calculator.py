@@ -41,7 +41,7 @@ from granphon.media.network_state import NetworkState, as_state, given_state
 from granphon.media.state import ContactState, Law
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.contacts import ContactFinder, keep_rows
-from granphon.phonons.phonopy_atoms import name_balls
+from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -68,6 +68,8 @@ def atoms(state: Any) -> Atoms:
 
     The state of a crystal, a sample or a :class:`~granphon.ContactNetwork` with periods gives the cell of its network: the
     balls that move, with masses, radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``.
+    The name of a kind is its symbol if it is one; ``info["kinds"]`` has the name of each symbol. Where kinds are not known,
+    balls of each mass have a symbol.
     These have no calculator, as a network has stiffnesses and no contact law.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
@@ -97,9 +99,12 @@ def _make_network_atoms(state: NetworkState) -> Atoms:
     cell[: lattice.periods, : lattice.dimension] = lattice.cell
     positions[:, : lattice.dimension] = lattice.positions
     pbc = np.arange(3) < lattice.periods
-    balls = Atoms(name_balls(lattice.masses), positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
+    symbols = name_balls(lattice.masses, state.kinds)
+    balls = Atoms(symbols, positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
     balls.set_array("radius", network.radii[network.moving] / state.scales.length)
     balls.info.update(state.scales.to_info())
+    if state.kinds:
+        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(state.kinds).items()}
     return balls
 
 

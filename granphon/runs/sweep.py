@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
+from granphon.balls.packing import Packing, given_packing
 from granphon.balls.parameters import Axis, find_double
 from granphon.base.errors import (
     ConvergenceError,
@@ -151,6 +151,7 @@ def sweep(
     GranphonError : a medium has no solution. The message names medium, parameters and load, and ``load_index`` is the index
         of that load. No result is written then.
     """
+    given_packing(packing)
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     # all lattices of a sweep have the same number of periods

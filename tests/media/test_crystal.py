@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from ase import Atoms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -805,6 +806,20 @@ ERRORS = {
         lambda: gp.Crystal([gp.Ball(STEEL, 1e-5)] * 2, 20.0 * np.eye(2), [[0, 0], [10.0, 0]]), "is 10 m .*look like um",
     ),
     "kilometres": (lambda: gp.Crystal([gp.Ball(STEEL, 8.0)] * 2, [], [[0.0], [8e-3]]), "Compare the units: diameters, cell"),
+    "no balls": (lambda: gp.Crystal(None, [[8e-3]], [[0.0]]), "the balls are None. Give a list of granphon.Ball"),
+    "set": (lambda: gp.Crystal.on("chain", {S, A}), "Give a list of granphon.Ball"),
+    "called": (lambda: gp.Crystal.on("chain", [S], name=5), "name: found 5; allowed: a name"),
+    "twice": (lambda: gp.Crystal([S, S], [[0.0381]], [[0.0], [0.0381]]), "0 m apart, .* Give each site of the cell once"),
+    "balls of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), S), "Give balls by symbols"),
+    "ball of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), {"Na": 5}), "5 is not a ball"),
+    "no atoms": (lambda: gp.Crystal.from_atoms(Atoms(), {"Na": S}), "there are no atoms"),
+    "no contact": (lambda: SQUARE.repeat((3, 3)).remove(range(8)), "touches no other"),
+    "no load chosen": (lambda: SQUARE.at_force([1.0, 2.0])[[]], "selects none of the loads"),
+    "cluster": (lambda: gp.Crystal([S, S], [], [[0.0], [19.05e-3]]).at_pressure(1.0), "neither periods nor faces"),
+    "inside out": (
+        lambda: SQUARE.at_strain(-1.5 * np.eye(2), finite_overlap=True), "shortens crystal 'square' by 1.5 of its length",
+    ),
+    "sweep": (lambda: gp.sweep(SQUARE, force=[1.0]), "Give a granphon.Packing, or press this itself"),
     "four indices": (lambda: gp.Crystal.on("fcc", [PLAIN]).cut((1, 0, -1, 0), 3), "belong to a hexagonal cell.* Give three"),
     "wrong third": (lambda: gp.Crystal.on("hcp", [PLAIN]).cut((1, 0, 1, 0), 3), "is minus the sum of the first two"),
     "largest force": (
@@ -855,7 +870,7 @@ def test_loads_beyond_double_precision_are_refused(finite):
         (crystal.at_pressure, 1e250), (crystal.at_force, 1e300), (crystal.at_overlap, 1e200),
         (crystal.at_stress, -1e300 * np.eye(3)), (crystal.at_strain, -1e200 * np.eye(3)),
     ):  # fmt: skip
-        with pytest.raises(InputError, match=r"beyond double precision|diameter or more"):
+        with pytest.raises(InputError, match=r"beyond double precision|diameter or more|strain above -1"):
             find(value, finite_overlap=finite)
 
 
