@@ -379,7 +379,7 @@ class HalfSpace:
             what = f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as many"
             raise InputError(message(what, "C has no determinant", "Take an isostatic lattice"))
         found, size = np.linalg.det(rows), np.prod(np.linalg.norm(rows, axis=2), axis=1)
-        turns = np.angle(np.roll(found, -1) / found)
+        turns = np.angle(np.roll(found, -1) * found.conj())
         if np.any(np.abs(found) <= _SINGULAR * size) or np.max(np.abs(turns)) > 0.5 * np.pi:
             raise InputError(message("det C vanishes, or nearly, at this wave vector", mend="Take another one"))
         return int(np.rint(turns.sum() / (2.0 * np.pi)))
