@@ -178,6 +178,11 @@ class State(ABC):
         return self.shape == ()
 
     @property
+    def is_held(self) -> bool:
+        """Whether bodies that do not move hold the balls, so that there are no long waves."""
+        return False
+
+    @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
         lattice = self.reference_lattice
