@@ -208,8 +208,7 @@ def _find_motion(
     places, balls, pairs = _place_balls(lattice, cells)
     wave = np.exp(1j * (places[:, :p] @ (modes.wavevectors[0] * phonons.scales.length)))[:, None]
     radii = phonons.atoms.arrays.get("radius", np.full(n, 0.5))[balls]
-    network = getattr(phonons.state, "network", None)
-    names = [*itertools.compress(network.kinds, network.moving)] if network is not None and network.kinds else [""] * n
+    names = phonons.state.kinds or [""] * n
     kinds = colour_kinds(names)
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)

@@ -291,6 +291,21 @@ class Crystal:
         known = dict(zip(self.kinds, self.names, strict=True))
         return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known))
 
+    def with_balls(self, balls: Mapping[str, Ball]) -> Self:
+        """Return the crystal with other balls of some kinds, by name, at the same places.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without a kind, and a ball of another diameter.
+        """
+        known = dict(zip(self.names, self.kinds, strict=True))
+        for name, ball in balls.items():
+            if name not in known:
+                raise InputError(message(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"))
+            if ball.diameter != known[name].diameter:
+                what = f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where those of "
+                why = "Only on a named lattice places follow from diameters"
+                raise InputError(message(f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"))
+        return self._derive(kinds=tuple((known | dict(balls)).values()))
+
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number or a list of numbers."""
         kept = np.ones(self.n_balls, bool)
@@ -430,6 +445,28 @@ class Crystal:
     def radii(self) -> Array:
         """(n,) radii, m."""
         return read_only(np.array([ball.radius for ball in self.kinds])[self.kind])
+
+    @property
+    def mindlin_ratios(self) -> Array:
+        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*."""
+        return np.asarray(self._constants[2])
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls of it."""
+        return any(word != "free" for face in self.faces for word in face.edges)
+
+    @property
+    def downward(self) -> Array:
+        """(d,) unit vector across the layers of what was cut, towards the face that is held; the lower one if both are.
+
+        Raises :class:`~granphon.base.errors.InputError` if no face is.
+        """
+        for face in self.faces:
+            if (held := [word != "free" for word in face.edges]) != [False, False]:
+                return np.asarray((-1.0 if held[0] else 1.0) * np.eye(self.dimension)[face.axis])
+        what = f"nothing holds crystal {self.name!r} against gravity"
+        raise InputError(message(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'))
 
     @cached_property
     def masses(self) -> Array:
@@ -1021,28 +1058,30 @@ class CrystalState:
             )
 
     @cached_property
-    def _checks(self) -> list[tuple[str, str, Array]]:
-        """What limits the state: a reason, where it is, and whether it is met at each load."""
+    def limits(self) -> list[tuple[str, Array, float, bool, str]]:
+        """What limits the state: name, value at each load, limit, whether that is a lower one, and what is said beyond it.
+
+        They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
+        pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
+        """
         crystal, table = self.crystal, self.crystal.contacts
         small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal.radii[at] for _, _, at in crystal._floors)])
         ratio = np.max(self.contact_radius / small, axis=-1)
-        out = [
-            (
-                f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
-                f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot",
-                "contact_radius", np.asarray(ratio <= MOST_CONTACT_RADIUS),
-            )
-        ]  # fmt: skip
-        over = np.all(self.overlap <= crystal._springs.most, axis=-1)
-        out.append(
-            ("an overlap is beyond the table of its contact law, which goes on as a power", "table", np.asarray(over))
+        said = (
+            f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
+            f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot"
         )
+        out = [("contact_radius", np.asarray(ratio), MOST_CONTACT_RADIUS, False, said)]
+        if np.any(np.isfinite(crystal._springs.most)):
+            over = np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
+            said = "an overlap is beyond the table of its contact law, which goes on as a power"
+            out.append(("table", np.asarray(over), 1.0, False, said))
         for name, (attribute, what, unit, limit, at_least) in BALL_LIMITS.items():
             for ball, called in zip(crystal.kinds, crystal.names, strict=True):
                 value = attrgetter(attribute)(ball)
                 if (value < limit) if at_least else (value > limit):
                     said = f"the {what} of ball {called} is {value:.4g} {unit}, {'less' if at_least else 'more'} than"
-                    out.append((f"{said} {limit:g} {unit}: {WRONG_UNIT}", name, np.zeros(self.shape, bool)))
+                    out.append((name, np.full(self.shape, value), limit, at_least, f"{said} {limit:g} {unit}: {WRONG_UNIT}"))
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
@@ -1053,7 +1092,7 @@ class CrystalState:
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             part = np.max(mean / weak, axis=-1)
             said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
-            out.append((f"{said}: it yields from {_YIELD} on", "yield", np.asarray(part <= _YIELD)))
+            out.append(("yield", np.asarray(part), _YIELD, False, f"{said}: it yields from {_YIELD} on"))
         return out
 
     @property
@@ -1064,13 +1103,15 @@ class CrystalState:
         yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
         modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
-        met = np.all([fine for _, _, fine in self._checks], axis=0)
+        met = np.all([value >= limit if least else value <= limit for _, value, limit, least, _ in self.limits], axis=0)
         return bool(met) if self.is_single else np.asarray(met)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the state, in words; empty if nothing is."""
-        return tuple(said for said, _, fine in self._checks if not np.all(fine))
+        return tuple(
+            said for _, value, limit, least, said in self.limits if np.any(value < limit if least else value > limit)
+        )
 
     @cached_property
     def network(self) -> ContactNetwork:

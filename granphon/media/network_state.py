@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -41,6 +42,11 @@ class NetworkState(State):
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice of contacts, in reduced units."""
         return self._lattice
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are not known."""
+        return tuple(itertools.compress(self.network.kinds or (), self.network.moving))
 
     @property
     def reference_lattice(self) -> ContactLattice:
@@ -112,7 +118,8 @@ class NetworkStates(State):
 
     @cached_property
     def _states(self) -> list[State]:
-        return [as_state(self.source[at]) for at in np.ndindex(self.shape)]
+        each = [self.source[at] for at in np.ndindex(self.shape)] if self.shape else [self.source]
+        return [as_state(one) for one in each]
 
     def _stack(self, find: Callable[[State], Any]) -> Array:
         """Return what ``find`` finds of the state at each load, with the shape of the load in front."""
@@ -183,6 +190,8 @@ def as_state(source: Any) -> State:
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a network without periods.
     """
+    if isinstance(source, NetworkStates) and source.is_single:
+        return source._states[0]
     if isinstance(source, State):
         return source
     if not getattr(source, "is_single", True):

@@ -660,8 +660,8 @@ def given_network(source: Any) -> ContactNetwork:
 def refuse_unpressed(source: Any) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be pressed first."""
     if hasattr(source, "at_force") and not isinstance(source, type):
-        name = type(source).__name__
-        mend = f"Press it, and give its state: {name.lower()}.at_force(...), in N, or another of its methods at_..."
+        name = "crystal" if hasattr(source, "cut") else "medium"
+        mend = f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods at_..."
         raise InputError(message(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend))
 
 

@@ -66,6 +66,11 @@ _LIMITS = {
         "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
         "other terms of the order of this torsion are left out",
     ),
+    "table": (
+        1.0, "overlap over the last of the table of its contact law",
+        "the overlap of a contact is {worst} times the last of the table of its law, more than {limit}",
+        "beyond its table the law goes on as a power",
+    ),
     "yield": (
         1.07, "mean contact pressure over yield strength",
         "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
@@ -227,8 +232,8 @@ class Validity(Result):
 def validity(state: Any) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    Of a network, whose material is not known, it is the contact radius alone, if its contacts follow Hertz's law. The
-    quantities compared with limits are:
+    Of a crystal it is what :attr:`CrystalState.limits` has. Of a network, whose material is not known, it is the contact
+    radius alone, if its contacts follow Hertz's law. The quantities compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
       (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
@@ -249,6 +254,15 @@ def validity(state: Any) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
       given in a wrong unit.
     """
+    if (limits := getattr(state, "limits", None)) is not None:  # a crystal says itself what limits it
+        return Validity(
+            tuple(
+                Check(name, f"{BALL_LIMITS[name][1]} in {BALL_LIMITS[name][2]}", value[()], limit, WRONG_UNIT, at_least)
+                if name in BALL_LIMITS
+                else _check(name, value[()])
+                for name, value, limit, at_least, _ in limits
+            )
+        )
     return as_state(state).cached(_compute_validity)
 
 
