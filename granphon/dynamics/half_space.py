@@ -52,6 +52,8 @@ _STILL = 1e-6
 _TWICE, _POLISHED = 1e-9, 1e-14
 #: points of a band from which leaky waves are sought, steps of Newton's method, and change of w over w where it ends
 _IN_BAND, _NEWTON, _SETTLED = 48, 12, 1e-8
+#: phases from block to block at which the topology is found, and a determinant, over the size of its rows, that is zero
+_PHASES, _SINGULAR = 256, 1e-12
 #: half width over frequency up to which a resonance is a leaky wave, and its least energy on top
 _NARROW, _ON_TOP = 0.05, 0.02
 
@@ -101,37 +103,37 @@ class HalfSpace:
             rows_across = push_rows(cut.normal[:, :d], self.motions)
             rows += rows_across
             stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(rows_across)
-        # D is the sum over steps s along the edge of T_s exp(i q.s), and of its conjugate transposed
-        steps, of_step = np.unique(np.pad(cut.shift, ((1, 0), (0, 0))), axis=0, return_inverse=True)
-        of_step, self._steps, count = of_step.ravel(), steps[:, :p], self.motions.count
-        number = np.where(moving, np.cumsum(moving) - 1, -1)
+        # C(q) is the sum over steps s along the edge of C_s exp(i q.s): tails are at s = 0. Kept are the contacts that reach
+        # into the two outer blocks, which are those of three
+        number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
+        lower = np.minimum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
+        kept = np.flatnonzero(lower < 2)
+        steps, of_step = np.unique(np.pad(cut.shift[kept], ((1, 0), (0, 0))), axis=0, return_inverse=True)
+        self._steps, count = steps[:, :p], self.motions.count
         root = 1.0 / np.sqrt(np.where(moving, cut.masses / units.mass, np.inf))
-        blocks = np.zeros((len(self._steps), int(moving.sum()) + 1, int(moving.sum()) + 1, count, count))
-        i, j, none, of_step = number[cut.i], number[cut.j], np.full(cut.n_contacts, of_step[0]), of_step[1:]
-        for row, k in zip(rows, stiff, strict=True):
-            head, tail = (one * root[end][:, None] for one, end in ((row.head, cut.j), (row.tail, cut.i)))
-            weight = np.broadcast_to(k, len(i))[:, None, None]
-            for at, one, other, left, right, part in (
-                (none, i, i, tail, tail, 0.5), (none, j, j, head, head, 0.5), (of_step, i, j, tail, head, -1.0),
-            ):  # fmt: skip
-                np.add.at(blocks, (at, one, other), part * weight * left[:, :, None] * right[:, None, :])
-        kept = blocks[:, :-1, :-1].swapaxes(2, 3)
-        flat = kept.reshape(len(kept), kept.shape[1] * count, -1)[:, : 2 * self.size, : 2 * self.size]
-        self._terms: Array = flat
+        matrix = np.zeros((len(steps), len(rows), len(kept), int(number.max()) + 1, count))
+        for place, row in enumerate(rows):
+            for part, end, at in ((-row.tail, cut.i, of_step.ravel()[0]), (row.head, cut.j, of_step.ravel()[1:])):
+                ball = end[kept]
+                matrix[at, place, np.arange(len(kept)), number[ball]] += part[kept] * root[ball][:, None]
+        columns = 3 * self.size // count
+        self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
+        self._stiff: Array = np.concatenate([np.broadcast_to(one, len(spring))[kept] for one in stiff])
+        self._whole = np.tile(lower[kept] == 1, len(rows))
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
-        """Return E_0, E and A, (n_q, size, size), at wave vectors (n_q, p - 1) in fractions of the reciprocal cell."""
+        """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of the reciprocal cell."""
+        size = self.size
         phase = np.exp(2.0j * np.pi * (q @ self._steps.T))
-        half = np.tensordot(phase, self._terms, 1)
-        whole, size = half + half.conj().swapaxes(1, 2), self.size
+        rows: Complex = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
+        whole = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
         return whole[:, :size, :size], whole[:, size:, size:], whole[:, :size, size:]
 
     @cached_property
     def highest(self) -> float:
-        """A bound of all squared frequencies."""
-        half = np.abs(self._terms).sum(axis=0)
-        rows = (half + half.T).reshape(2, self.size, 2 * self.size).sum(axis=2)
-        return 2.0 * float(rows.max())
+        """A bound of all squared frequencies, k/M."""
+        rows = np.abs(self._matrix).sum(axis=0)
+        return float((rows.T @ (np.abs(self._stiff) * rows.sum(axis=1))).max())
 
     def _eliminate(self, own: Complex, inner: Complex, hop: Complex, place: Index, w: Complex) -> tuple[Complex, Complex]:
         """Return w - F of the outer block, and of one that has others on both sides, (n, m, m), for blocks of ``place``."""
@@ -164,7 +166,7 @@ class HalfSpace:
         return self._eliminate(*self.blocks(q), place, w)[0]
 
     def bands(self, q: Array) -> Array:
-        """Return the lowest and the highest w (n_q, size, 2) of each branch over the wave vectors across the edge."""
+        """Return the lowest and the highest w (n_q, size, 2) of each branch at q (n_q, p - 1), over all across the edge."""
         _, inner, hop = self.blocks(q)
 
         def solve(at: Index, angle: Array) -> Array:
@@ -215,7 +217,7 @@ class HalfSpace:
         return np.array(place, np.intp), np.stack([np.maximum(low + margin, _STILL * high), high - margin])
 
     def find_waves(self, q: Array) -> EdgeWaves:
-        """Find all waves of the edge outside of the bands, at wave vectors (n_q, p - 1).
+        """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
 
         The half space is a crystal without an edge, changed by V in the two blocks that an edge parts. Waves of both edges
         are where M(w) = sign(V) - |V|^1/2 g |V|^1/2 is singular, g being the Green's function of the crystal. In a gap M is
@@ -296,7 +298,7 @@ class HalfSpace:
         return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
-        """Find narrow resonances of the edge within bands, from S + dw S' on the real axis: leaky waves."""
+        """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
         place, gap = self._find_gaps(q, inside=True)
         three, top = np.array([-1.0, 0.0, 1.0]), self.highest
 
@@ -336,6 +338,51 @@ class HalfSpace:
         fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _SETTLED * top)
         kept = kept[fresh]
         return EdgeWaves(place[kept], w[kept] + 1j * shift[kept].imag, weight[kept])
+
+    # -- topology ----------------------------------------------------------------------------------------------------------
+
+    def _find_rows(self, q: Array) -> Complex:
+        """Return K^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n phases from block to block.
+
+        A contact of two blocks is one of the lower.
+        """
+        size, parts = self.size, np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, self._whole], 1)
+        phase = np.exp(2.0j * np.pi * np.arange(_PHASES) / _PHASES)[:, None, None]
+        rows = parts[:, size : 2 * size] + phase * parts[:, 2 * size :]
+        return np.asarray(np.sqrt(self._stiff[self._whole].astype(complex))[:, None] * rows)
+
+    def zak_phase(self, q: Array, below: int) -> float:
+        """Return the Zak phase of all but the ``below`` lowest branches at q (p - 1,), 0 to 2 pi (J. Zak, Phys. Rev. Lett.
+        62, 2747, 1989).
+
+        It is that of the motions of the balls where an edge is held, and of the deformations of contacts where it is free,
+        as each edge leaves whole cells of these.
+        """
+        rows = self._find_rows(q)
+        kept = slice(below, None)
+        if self.edge == "free":
+            kept = slice(below - self.size, None)
+            rows = rows.conj().swapaxes(1, 2)
+        _, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ rows)
+        shape = vectors[:, :, kept]
+        steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
+        return float(-np.angle(np.prod(steps / np.abs(steps))) % (2.0 * np.pi))
+
+    def winding(self, q: Array) -> int:
+        """Return how often det C winds about zero at q (p - 1,), which is the number of motions at a free edge that cost
+        nothing (C. L. Kane and T. C. Lubensky, Nature Physics 10, 39, 2014).
+
+        Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant vanishes.
+        """
+        rows = self._find_rows(q)
+        if rows.shape[1] != rows.shape[2]:
+            what = f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as many"
+            raise InputError(message(what, "C has no determinant", "Take an isostatic lattice"))
+        found, size = np.linalg.det(rows), np.prod(np.linalg.norm(rows, axis=2), axis=1)
+        turns = np.angle(np.roll(found, -1) * found.conj())
+        if np.any(np.abs(found) <= _SINGULAR * size) or np.max(np.abs(turns)) > 0.5 * np.pi:
+            raise InputError(message("det C vanishes, or nearly, at this wave vector", mend="Take another one"))
+        return int(np.rint(turns.sum() / (2.0 * np.pi)))
 
     # -- long waves ---------------------------------------------------------------------------------------------------------
 

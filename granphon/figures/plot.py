@@ -25,6 +25,7 @@ _PICTURES = {
     "granphon.PathSpectra": ("spectra", "spectrum_figure", "spectra"),
     "granphon.SpectralFunction": ("spectra", "lines_figure", "spectrum"),
     "granphon.SpectralDensity": ("spectra", "sample_dos_figure", "dos"),
+    "granphon.SurfaceSpectrum": ("spectra", "surface_figure", "spectrum"),
     "granphon.Pulse": ("pulses", "pulse_figure", "pulse"),
     "granphon.NetworkModes": ("modes", "network_mode_figure", "modes"),
     "granphon.ContactNetwork": ("forces", "network_figure", "network"),
@@ -35,8 +36,8 @@ _PICTURES = {
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
 _WORDS = (
-    "bands, a density of states, a sweep, a fit, a trade-off, spectra, a pulse, modes, a state, a sample, a network, or the"
-    " result of a run of a scene with bands, a density of states or a sweep"
+    "bands, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a pulse, modes, a state, a sample, a"
+    " network, or the result of a run of a scene with bands, a density of states or a sweep"
 )
 
 

@@ -379,8 +379,15 @@ class Crystal:
         return other
 
     def _require_joined(self) -> None:
-        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp."""
+        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp, and faces have balls."""
         n, p, table = self.n_balls, self.periods, self.contacts
+        if not all(at.size for face in self.faces for at in face.balls):
+            what, why = f"no ball is left at a face of crystal {self.name!r}", "It could be neither held nor pressed there"
+            raise InputError(message(what, why, "Remove balls first, and cut then"))
+        if not self.n_contacts:
+            raise InputError(
+                message(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
+            )
         i, j, shift = [table.i], [table.j], [table.shift]
         held = [at for face in self.faces for word, at in zip(face.edges, face.balls, strict=True) if word != "free"]
         if held:  # a wall extends along all periods

@@ -53,6 +53,8 @@ _ROUNDING = 1e-12
 _MOST_FACTORISED, _MOST_DIRECT = (4_000_000, 1_000_000, 12_000), 2_000
 #: most iterations of conjugate gradients with the factors of an earlier step
 _PATIENCE = 30
+#: mean force, over that before the balls have moved, at which nothing is left of it
+_RELAXED = 1e-12
 #: what rounding leaves of the forces on a ball, over their size
 _ROUNDED = 4e-16
 #: most iterations of conjugate gradients in one step
@@ -279,11 +281,13 @@ def _descend(
 ) -> tuple[Array, Array, float]:
     """Newton's method on the energy at small overlap: return unknowns, overlaps and the residual."""
     press, free = frame.press, ~push.held
-    best, stalled, kept = math.inf, 0, (x, overlap)
+    best, stalled, kept, first = math.inf, 0, (x, overlap), 0.0
     for _ in range(_STEPS):
         force = springs.force(overlap)
         mean = springs.size(force)
-        if not mean:
+        first = first or mean
+        # under a strain alone balls may move aside until none is pressed
+        if not mean or (mean < _RELAXED * first and not np.any(push.force)):
             raise _explain(frame, springs, push, opened=True)
         pull = np.where(free, push.force - press.T @ force, 0.0)
         residual = float(np.max(np.abs(pull) * frame.weights, initial=0.0)) / mean
@@ -501,6 +505,8 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
         if stalled > 20:
             break
         stiffness = springs.stiffness(overlap)
+        if not np.any(stiffness):
+            break
         if system.factored:
             across = force / r
             block = (stiffness + across)[:, None, None] * normal[:, :, None] * normal[:, None, :]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
-from granphon.base.validation import finite_array, positive, real_array
+from granphon.base.validation import finite_array, positive, real_array, whole_number
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
 
@@ -92,7 +92,7 @@ class Surface:
     Attributes
     ----------
     network : the network of the crystal. Contacts at the edge have its stiffnesses.
-    half_space : the :class:`~granphon.dynamics.half_space.HalfSpace` in reduced units.
+    half_space : the same in reduced units, of which everything is found.
 
     Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of a layer, which is that of
     ``network.cut(axis, layers)``; (n_q, 0) at the end of a chain, for which they may be left out.
@@ -170,7 +170,7 @@ class Surface:
         return SurfaceSpectrum(points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges)
 
     def branches(self, q: ArrayLike | None = None, leaky: bool = False) -> SurfaceBranches:
-        """Return the waves of the edge: poles outside of the crystal's bands, all of them, to 1e-10 of their frequency.
+        """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
 
         With ``leaky`` also resonances within the bands whose width is below a tenth of their frequency, and that have a
         fiftieth of their energy on top; their width is that of first order. Motions at zero frequency, which deform no
@@ -187,7 +187,7 @@ class Surface:
         return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order])
 
     def follow(self, q: ArrayLike, frequency: float) -> Array:
-        """Return the frequencies (n_q,), Hz, of the wave that has about this ``frequency``, Hz, at the first wave vector.
+        """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this ``frequency``, Hz, at the first.
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency inside of the crystal's bands, one that no wave of
         the edge has, and where the wave enters the bands.
@@ -208,6 +208,24 @@ class Surface:
                 raise InputError(message(f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend))
             out.append(float(here[np.argmin(np.abs(here - expected))]))
         return np.array(out)
+
+    def zak_phase(self, q: ArrayLike | None = None, below: int = 1) -> Array:
+        """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the ``below`` lowest ones.
+
+        Across a free edge it is that of the deformations of contacts, else that of the motions of balls. Where symmetry
+        leaves but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches, which must be open.
+        """
+        half = self.half_space
+        low = whole_number("below", below, 1, half.size - 1)
+        return np.array([half.zak_phase(one, low) for one in self._read(q)[0]])
+
+    def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
+        """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free edge that cost nothing.
+
+        Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations as balls have motions
+        (an isostatic lattice), and where det C vanishes.
+        """
+        return np.array([self.half_space.winding(one) for one in self._read(q)[0]], np.intp)
 
     def velocity(self, direction: ArrayLike | None = None) -> float:
         """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's elastic tensor.

@@ -188,6 +188,45 @@ def test_a_branch_is_followed():
     assert_allclose(surface.follow(q, 1.01 * found[0][0]), [found[at][0] for at in range(9)], rtol=1e-12)
 
 
+# -- topology ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("zak")
+def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
+    mass = BALL.mass
+    cases = [
+        (gp.Surface(chain([mass, mass], springs), 0, edge), waves)
+        for edge in ("clamped", "floor") for springs, waves in (((1e6, 3e6), 1), ((3e6, 1e6), 0))
+    ]  # fmt: skip
+    cases += [(gp.Surface(chain(masses, (2e7, 2e7)), 0), waves) for masses, waves in (([1e-2, 3e-2], 1), ([3e-2, 1e-2], 0))]
+    for surface, waves in cases:
+        assert_allclose(np.exp(1j * surface.zak_phase()), (-1.0) ** waves, atol=1e-10)
+        assert len(surface.branches()[0]) == waves
+
+
+def twisted_kagome(angle):
+    """Kagome whose triangles are turned against each other: isostatic without friction."""
+    cell = 2.0 * np.cos(angle) * np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])
+    turns = 0.5 * np.pi + angle + 2.0 * np.pi / 3.0 * np.arange(3)
+    sites = np.stack([np.cos(turns), np.sin(turns)], axis=1) / np.sqrt(3.0)
+    contacts = gp.Crystal([gp.Ball(BALL.material, 1.0)] * 3, cell, sites).contacts
+    return gp.ContactLattice(cell, sites, contacts, 0.0).contact_network(gp.Units(8e-3, 1e6, 1e-3), 1.0)
+
+
+@pytest.mark.claim("zak")
+@pytest.mark.parametrize("axis", [(0, 1), (1, 1), (2, 1)])
+def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
+    network = twisted_kagome(0.3)
+    winding = (
+        gp.Surface(network, axis).winding([[0.13], [0.31]]),
+        gp.Surface(network, [-one for one in axis]).winding([[0.13]]),
+    )
+    free = np.sum(gp.Phonons(network.cut(axis, 6)).frequencies([[0.13]]) < 1.0)
+    assert winding[0][0] == winding[0][1]
+    assert winding[0][0] + winding[1][0] == free
+    assert winding[0][0] > 0
+
+
 # -- bad input -----------------------------------------------------------------------------------------------------------
 
 
@@ -205,6 +244,8 @@ def test_a_branch_is_followed():
         (lambda: gp.Surface(bulk("triangular"), 1, "clamped").velocity(), "held"),
         (lambda: gp.Surface(bulk("triangular", "out_of_plane"), 1).velocity(), "do not move along"),
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not all zero"),
+        (lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]), "6 deformations of contacts and 3 motions"),
+        (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
     ],
