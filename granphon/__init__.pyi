@@ -62,6 +62,9 @@ from .phonons.calculator import atoms as atoms
 from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
+from .phonons.surfaces import Surface as Surface
+from .phonons.surfaces import SurfaceBranches as SurfaceBranches
+from .phonons.surfaces import SurfaceSpectrum as SurfaceSpectrum
 from .runs.dataset import load_sweep as load_sweep
 from .runs.sweep import sweep as sweep
 from .scene.run import RunResult as RunResult

@@ -91,3 +91,55 @@ def test_public_names_exist_and_are_documented():
     assert set(granphon.__all__) <= set(dir(granphon))
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = granphon.nonsense
+
+
+#: places above the law that hold 3/2, 2/3, 1/3, 5/2, 2/5 or 5/3, or a cube root, and what they are there
+NOT_HERTZ = {
+    "array/friction.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and Mindlin in one step",
+    "array/friction.py:_lose_falling": "the same",
+    "balls/ball.py:__post_init__": "inertia of a shell over that of a solid ball",
+    "balls/distributions.py:cut_rms": "argument of the gamma function",
+    "balls/lattices.py:": "places in a cell",
+    "dynamics/contact_lattice.py:top_frequency": "wave vectors",
+    "dynamics/local_field.py:compute_xi": "equations 35 and 45: six contacts at 60 degrees",
+    "dynamics/local_field.py:_make_response": "place of a neighbour's far contact",
+    "fits/velocity_model.py:velocity": "coefficients of a one-sided difference",
+    "media/accuracy.py:compute_form_coefficients": "the skewness of a distribution",
+    "media/cost.py:": "measured times",
+    "media/left_out.py:": "tabulated forces",
+    "networks/building.py:complete": "inertia of a solid ball",
+    "observables/validity.py:_compute_validity": "the paper's criterion (f/E d^2)^(1/6)",
+    "scene/plan.py:_estimate_waves": "a bound with a margin",
+    "tradeoffs/study.py:find_reference": "a margin of time",
+    "waves/propagation.py:order": "the width of Bessel functions near their turning point",
+}
+#: what states laws, averages Hertz's over distributions, or knows no contact
+LAWFUL = ("balls/hertz.py", "balls/contact_laws.py", "laws/", "base/", "figures/", "cli/")
+EXPONENTS = {1.5, 2.5, 0.4}
+QUOTIENTS = {(3, 2), (2, 3), (1, 3), (5, 3), (5, 2), (2, 5), (1, 6)}
+
+
+def holds_exponent(node: ast.AST) -> bool:
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+        ends = [end.value if isinstance(end, ast.Constant) else None for end in (node.left, node.right)]
+        return tuple(ends) in QUOTIENTS
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, float) and node.value in EXPONENTS
+    return isinstance(node, ast.Attribute) and node.attr == "cbrt"
+
+
+def find_exponents(path: Path) -> set[str]:
+    """Functions that hold an exponent; a number of the module that is one alone has a name and a reason of its own."""
+    tree, found = ast.parse(path.read_text(encoding="utf-8")), set()
+    inside = {id(part): node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) for part in ast.walk(node)}
+    lone = {id(node.value) for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign)}
+    for node in ast.walk(tree):
+        if holds_exponent(node) and not (isinstance(node, ast.Constant) and id(node) in lone):
+            found.add(f"{path.relative_to(PACKAGE).as_posix()}:{inside.get(id(node), '')}")
+    return found
+
+
+def test_only_the_law_holds_its_exponents():
+    """Hertz's law has one owner, granphon.balls.hertz: what is above it asks for forces, stiffnesses, energies by name."""
+    paths = [path for path in PACKAGE.rglob("*.py") if not path.relative_to(PACKAGE).as_posix().startswith(LAWFUL)]
+    assert set().union(*map(find_exponents, paths)) == set(NOT_HERTZ)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from granphon.array.geometry import ADDED_STIFFNESS, ExactGeometry
 from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import number_cells
+from granphon.balls import hertz
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -137,8 +138,8 @@ class _Clusters:
         size = np.sqrt(np.sum(w * w, axis=0))
         w /= size
         change = np.sum((2.0 * straight + self._ratio * v) * v, axis=0) / (1.0 + size)
-        root = np.sqrt(np.maximum(self._means[some] - change, 0.0))
-        push = root**3 * w
+        force, root = hertz.press(self._means[some] - change)
+        push = force * w
         pull = [np.bincount(j, one, count + 1)[:count] - np.bincount(i, one, count + 1)[:count] for one in push]
         return np.array(pull), root, size, w
 
@@ -147,10 +148,10 @@ class _Clusters:
         from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
         p, count = pull.shape
-        aside = self._ratio * root**3 / size
-        blocks = (1.5 * root - aside) * normal[:, None] * normal
+        aside = self._ratio * hertz.force_from(root) / size
+        blocks = (hertz.stiffness_of(root) - aside) * normal[:, None] * normal
         blocks[range(p), range(p)] += aside
-        held = 1.5 * np.cbrt(force) * (_HOLDING + ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
+        held = hertz.stiffness_under(force) * (_HOLDING + ADDED_STIFFNESS * np.minimum(1.0, left[self._of_ball]))
         entries = np.append(self._sign * blocks[..., self._contact], np.repeat(held, p))
         matrix: Any = coo_array((entries, self._places), shape=(p * count, p * count)).tocsc()
         return np.asarray(factorise(matrix).solve(pull.T.ravel()).reshape(count, p).T)
@@ -183,9 +184,11 @@ class _Clusters:
             if np.all(done):
                 break
             # of one contact that closes on the way the slope is -first + c (length - place)^(3/2)
-            rise = np.bincount(of_contact[some], 1.5 * root * np.sum(normal * ahead[:, some], axis=0) ** 2, groups)
+            rise = np.bincount(
+                of_contact[some], hertz.stiffness_of(root) * np.sum(normal * ahead[:, some], axis=0) ** 2, groups
+            )
             above = np.where(done | (slope <= 0.0), 1.0, first + slope)
-            change = np.where(slope > 0.0, 1.5 * (1.0 - np.cbrt(first / above) ** 2) * above, slope)
+            change = np.where(slope > 0.0, hertz.EXPONENT * (1.0 - hertz.overlap_of(first / above)) * above, slope)
             near = length - change / np.where(rise > 0.0, rise, np.inf)
             inside = np.clip(near, 0.9 * low + 0.1 * np.minimum(high, 1.0), 0.1 * low + 0.9 * np.minimum(high, 1.0))
             length = np.where(done, length, inside)

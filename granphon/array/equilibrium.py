@@ -30,6 +30,7 @@ from granphon.array.krylov import solve_for_motion
 from granphon.array.linear_response import find_linear_response
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
@@ -146,24 +147,22 @@ class Equilibrium(Result):
     @property
     def forces(self) -> Array:
         """(n_c, L1, ..., Lp) contact forces h_+^(3/2)."""
-        closed = np.maximum(self.overlaps, 0.0)
-        return closed * np.sqrt(closed)
+        return hertz.press(self.overlaps)[0]
 
     @property
     def excess(self) -> Array:
         """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a subtraction."""
-        return compute_excess(self.overlap, self.differences)[0]
+        return hertz.press_further(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
         """(n_c, L1, ..., Lp) stiffnesses (3/2) h^(1/2) of the contacts that carry load; zero for the others."""
-        return 1.5 * self._roots
+        return np.asarray(hertz.stiffness_of(self._roots))
 
     @property
     def stiffness_slopes(self) -> Array:
         """(n_c, L1, ..., Lp) slopes of the stiffnesses, (3/4) h^(-1/2); zero where no load is carried."""
-        root = self._roots
-        return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
+        return hertz.slope_of(self._roots)
 
     @property
     def _roots(self) -> Array:
@@ -173,18 +172,18 @@ class Equilibrium(Result):
         contacts would hold them.
         """
         overlaps = self.overlaps
-        least = (CARRIED_FORCE * self.residual * self.force) ** (2.0 / 3.0)
+        least = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
         return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
 
     @property
     def force(self) -> float:
         """Mean contact force f*, a reduced number."""
-        return float(max(self.overlap, 0.0) ** 1.5) + float(np.mean(self.excess))
+        return float(hertz.force_of(self.overlap)) + float(np.mean(self.excess))
 
     @property
     def energy(self) -> float:
         """Mean energy of a contact, in units of c W^(5/2)."""
-        return float(np.mean(0.4 * self.forces * np.maximum(self.overlaps, 0.0)))
+        return float(np.mean(hertz.energy_of(self.forces, np.maximum(self.overlaps, 0.0))))
 
     @property
     def boundary_force(self) -> float:
@@ -272,25 +271,6 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
     return np.shape(deviations)[lattice.n_balls > 1 :]
 
 
-def compute_excess(overlap: float, differences: Array, out: Array | None = None) -> tuple[Array, Array]:
-    """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
-    common = max(overlap, 0.0)
-    change = np.maximum(differences, -overlap, out=out)  # h_+ - y_+
-    if overlap < 0.0:
-        change += overlap
-    root = change + common
-    np.sqrt(root, out=root)
-    if common == 0.0:
-        change *= root
-        return change, root
-    # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
-    factor = root + math.sqrt(common)
-    np.divide(common, factor, out=factor)
-    factor += root
-    change *= factor
-    return change, root
-
-
 class NewtonIterate:
     """Balls on the way to equilibrium: what their place tells of the contacts and, once found, how far they are from rest.
 
@@ -321,7 +301,7 @@ class NewtonIterate:
         flat, roots = differences.reshape(-1), root.reshape(-1)
         for low in range(0, flat.size, _CACHED):
             part = flat[low : low + _CACHED]
-            _, contact = compute_excess(y, part, part)
+            _, contact = hertz.press_further(y, part, part)
             roots[low : low + _CACHED] = contact
             sums += np.sum(part), dot(part, part), np.sum(contact)
         self.excess, self.root, self._sums = differences, root, sums.tolist()
@@ -329,8 +309,8 @@ class NewtonIterate:
     def measure(self, load: ReducedLoad, least: float) -> Self:
         """Find how far the balls are from rest; forces no larger than ``least`` count as that."""
         pull = self._stencils.forces(self.excess)
-        contacts, common, (total, squares, roots) = self.root.size, max(self.overlap, 0.0) ** 1.5, self._sums
-        mean, square, self.level = (one / contacts for one in (total, squares, 1.5 * roots))
+        contacts, common, (total, squares, roots) = self.root.size, float(hertz.force_of(self.overlap)), self._sums
+        mean, square, self.level = (one / contacts for one in (total, squares, hertz.stiffness_of(roots)))
         self.force = common + mean
         push = (load.force - common) - mean if load.overlap is None else 0.0
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of doubles at y and at the
@@ -362,11 +342,11 @@ class NewtonIterate:
             there = NewtonIterate(y, balls, means, self._stencils)
             slope = -dot(there.excess, strain)
             if load.overlap is None:
-                slope += step.compression * means.size * (max(y, 0.0) ** 1.5 - load.force)
+                slope += step.compression * means.size * (float(hertz.force_of(y)) - load.force)
             if abs(slope) <= 0.1 * abs(first):
                 break
             low, high = (length, high) if slope < 0.0 else (low, length)
-            rise = 1.5 * float(np.einsum("i,i,i", there.root.ravel(), strain.ravel(), strain.ravel()))
+            rise = hertz.stiffness_of(float(np.einsum("i,i,i", there.root.ravel(), strain.ravel(), strain.ravel())))
             length = length - slope / rise if rise > 0.0 else math.inf
             if not low < length < high:
                 length = 0.5 * (low + high) if high < math.inf else 2.0 * low
@@ -407,7 +387,7 @@ def equilibrate(
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
     fresh = start is None or equal
     if start is None or equal:  # begin at the overlap of Hertz's law, which is exact for equal balls
-        y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
+        y = load.overlap if load.overlap is not None else hertz.overlap_of(load.force)
         start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
     y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
     least = _LEAST_DIFFERENCE * float(np.std(means))
@@ -442,7 +422,7 @@ def equilibrate(
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(_LOOSEST, max(0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST))
         stiffness = here.root if single else here.root.astype(float)
-        stiffness *= 1.5 / here.level
+        stiffness *= hertz.stiffness_of(1.0) / here.level
         stiffness += ADDED_STIFFNESS * min(1.0, distance)
         product = stencils.hessian(stiffness)
         inverse = inverses.choose(stiffness, product=product) if begun else stencils.preconditioner(stiffness, product)

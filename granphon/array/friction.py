@@ -35,6 +35,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls import hertz
+
 Array = NDArray[np.float64]
 #: root of an overlap that stands for none where it divides
 _TINY = 1e-150
@@ -163,14 +165,14 @@ class FrictionLaw:
         springs = self._bend(before, held, new, slips, contacts.shears)
         slide = np.empty(0, np.intp)
         if mu < math.inf:
-            size, limit = _norm(contacts.shears), mu * (contacts.forces if guess is None else new * new * new)
+            size, limit = _norm(contacts.shears), mu * (contacts.forces if guess is None else hertz.force_from(new))
             slide = np.flatnonzero(size > limit)
             shears = contacts.shears.reshape(len(slips), -1)
             sliding, share = shears[:, slide] / size.take(slide), limit.take(slide) / size.take(slide)
             shears[:, slide] *= share
 
         def linearise() -> Tangent:
-            stiffness, shear = 1.5 * contacts.roots, springs
+            stiffness, shear = hertz.stiffness_of(contacts.roots), springs
             directions = np.zeros_like(contacts.shears)
             coupling = self._couple(before, contacts) if guess is None else np.zeros(slips.shape)
             if len(slide):
@@ -189,7 +191,7 @@ class FrictionLaw:
         """Return the tangential forces if nothing slid in a step, the stiffness against slip, and Coulomb's limit."""
         new, shears = np.sqrt(np.maximum(overlaps, 0.0)), np.empty(slips.shape)
         springs = self._bend(before, overlaps, new, slips, shears)
-        return shears, springs, self.friction_coefficient * new * new * new
+        return shears, springs, self.friction_coefficient * hertz.force_from(new)
 
     def _bend(self, before: Contacts, overlaps: Array, new: Array, slips: Array, shears: Array) -> Array:
         """Write the tangential forces if nothing slid in a step, and return the stiffness that slip meets.
@@ -205,7 +207,7 @@ class FrictionLaw:
         springs *= self.mindlin_ratio
         # a contact that closes in the step: only the part of the step after it has closed counts
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
-        force = self.mindlin_ratio * new.take(opens) ** 3
+        force = self.mindlin_ratio * hertz.force_from(new.take(opens))
         np.put(springs, opens, force / (overlaps.take(opens) - before.overlaps.take(opens)))
         np.subtract(slips, before.slips, out=shears)
         shears *= springs
@@ -223,7 +225,7 @@ class FrictionLaw:
         slope *= 0.5 * eta
         opens = np.flatnonzero((old == 0.0) & (new > 0.0))
         width, root = after.overlaps.take(opens) - before.overlaps.take(opens), new.take(opens)
-        np.put(slope, opens, eta * (1.5 * root - root**3 / width) / width)
+        np.put(slope, opens, eta * (hertz.stiffness_of(root) - hertz.force_from(root) / width) / width)
         coupling = np.empty(after.slips.shape)  # in the order of its indices, whatever that of the slips
         np.subtract(after.slips, before.slips, out=coupling)
         coupling *= slope
@@ -256,10 +258,9 @@ class FrictionLaw:
 
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
-        stiffness = 1.5 * self.mindlin_ratio * np.sqrt(contacts.closed)
+        stiffness = self.mindlin_ratio * hertz.stiffness_of(contacts.roots)
         slips = np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
-        shear = 0.5 * self.mindlin_ratio * 1.5 * np.sqrt(contacts.closed) * slips**2
-        return float(np.mean(0.4 * contacts.forces * contacts.closed + shear))
+        return float(np.mean(hertz.energy_of(contacts.forces, contacts.closed) + 0.5 * stiffness * slips**2))
 
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
         """Return the mean energies that a contact loses in a step, by sliding and by the law, along its straight line."""

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse import find_step, find_step_length
 from granphon.array.sparse_matrices import compose
-from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio
+from granphon.balls import hertz
+from granphon.balls.hertz import MOST_CONTACT_RADIUS, HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
@@ -117,7 +118,7 @@ class PressedHexagon(Result):
     def contact_radius(self) -> float:
         """Ratio of the radius of the largest contact, of two balls or with a wall, to that of a ball."""
         d, law = self.packing.diameter, self.packing.law
-        at_wall = np.cbrt(self.wall_forces / self.wall_coefficient) ** 2
+        at_wall = HertzLaw(self.wall_coefficient).overlap(self.wall_forces)
         overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)  # a wall has the curvature of half a ball
         return float(contact_radius_ratio(np.max(overlaps), d))
 
@@ -144,12 +145,8 @@ class PressedHexagon(Result):
         places[:count, :2], places[count:, :2] = self.positions, distance[:, None] * _NORMALS
         normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
         normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
-        stiffness = 1.5 * np.concatenate(
-            [
-                np.cbrt(law.coefficient**2 * self.forces[live]),
-                np.cbrt(self.wall_coefficient**2 * self.wall_forces[leant]),
-            ]
-        )
+        both = (law.coefficient, self.forces[live]), (self.wall_coefficient, self.wall_forces[leant])
+        stiffness = np.concatenate([hertz.stiffness_under(c**2 * force) for c, force in both])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
         half = np.full(len(normal), 0.5 * d)
         return ContactNetwork(
@@ -265,7 +262,7 @@ class Hexagon:
 
     @property
     def _wall_scale(self) -> float:
-        return float((self.wall_coefficient / self.packing.law.coefficient) ** 0.4)
+        return float((self.wall_coefficient / self.packing.law.coefficient) ** (1.0 / (hertz.EXPONENT + 1.0)))
 
     # -- at rest ------------------------------------------------------------------------------------------------------
 
@@ -303,7 +300,7 @@ class Hexagon:
         """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their size allows."""
         packing, load = self.packing, f"side_force = {side_force:g} N"
         require_shallow(packing.material.young_modulus, float(packing.law.overlap(between)) / packing.diameter, load)
-        depth = 2.0 * (at_wall / self.wall_coefficient) ** (2.0 / 3.0) / packing.diameter
+        depth = 2.0 * float(HertzLaw(self.wall_coefficient).overlap(at_wall)) / packing.diameter
         if not depth < 1.0:
             what = f"{load} presses a ball into its wall by {depth:.4g} times its radius"
             raise InputError(message(what, "Its centre would be beyond the wall", "Lower the load"))
@@ -323,7 +320,7 @@ class Hexagon:
         push = np.zeros(2 * count + 6)
         push[2 * count :] = math.sqrt(3.0) * self.balls_per_side
         if start is None:  # equal balls with an overlap of one, and walls with the force of the balls that lean on them
-            lean = (math.sqrt(3.0) * law.coefficient / self.wall_coefficient) ** (2.0 / 3.0)
+            lean = float(hertz.overlap_of(math.sqrt(3.0) * law.coefficient / self.wall_coefficient))
             depth = (self.balls_per_side - 1) * math.sqrt(0.75) + lean
             z = np.append((-self.sites / self.packing.diameter).ravel(), np.full(6, -depth))
         else:
@@ -333,13 +330,13 @@ class Hexagon:
         transposed = matrix.T.tocsr()
         h = gap - matrix @ z
         for _ in range(_STEPS):
-            root = np.sqrt(np.maximum(h, 0.0))
-            pull = transposed @ root**3 - push
-            mean = float(np.mean(root[: len(i)] ** 3))
+            forces, root = hertz.press(h)
+            pull = transposed @ forces - push
+            mean = float(np.mean(forces[: len(i)]))
             left = float(np.max(np.abs(pull))) / mean if mean else math.inf
             if left <= _REST:
                 return z * unit, left
-            stiffness = 1.5 * root
+            stiffness = hertz.stiffness_of(root)
             stiffness += _ADDED * min(1.0, left) * max(1.0, float(np.max(stiffness)))
             step, strain = find_step(matrix, transposed, stiffness, pull, free)
             length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0

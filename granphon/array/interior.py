@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from granphon.array.geometry import Geometry
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion
+from granphon.balls import hertz
 
 Array = NDArray[np.float64]
 #: Newton steps on the lattice, at most
@@ -97,7 +98,7 @@ def approach(
         product, mean = float(np.mean(f * s)), float(np.mean(f))
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
             return None
-        relative = product / mean ** (5.0 / 3.0)
+        relative = product / (mean * float(hertz.overlap_of(mean)))
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f, none)) ** 2, axis=0)))) / mean
         if relative <= close:
             return (y, balls, step, taken) if left <= _BALANCED else None
@@ -105,8 +106,8 @@ def approach(
         if step and left > _TOO_FAR * (relative if geometry.ratio else math.sqrt(relative)):
             factor = 1.0
         mu, before = factor * product, product
-        closed = np.cbrt(f) ** 2
-        stiffness = f / ((2.0 / 3.0) * closed + s)
+        closed = hertz.overlap_of(f)
+        stiffness = f / (closed / hertz.EXPONENT + s)
         change = h - closed + mu / f
         tension = f + stiffness * change
         push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
@@ -123,7 +124,7 @@ def approach(
         # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that leaves the products of
         # some contacts far from the others' makes the next steps short or wrong
         wanted = np.clip(f * s, _LEAST_PRODUCT * mu, _LARGEST_PRODUCT * mu)
-        is_open = np.cbrt(f) ** 2 < s
+        is_open = hertz.overlap_of(f) < s
         f, s = np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
         y, balls, taken = y + motion.compression, balls + motion.balls, taken + count
         place = geometry.place(balls, y)
@@ -136,4 +137,4 @@ def split(h: Array, width: float) -> tuple[Array, Array]:
     root, half = np.hypot(0.5 * h, width), 0.5 * np.abs(h)
     larger, less = root + half, width**2 / (root + half)
     closed, s = np.where(h > 0.0, larger, less), np.where(h > 0.0, less, larger)
-    return closed * np.sqrt(closed), s
+    return hertz.press(closed)[0], s

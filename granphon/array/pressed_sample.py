@@ -28,7 +28,7 @@ from granphon.array.history import LoadingHistory
 from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import find_exact_elasticity
-from granphon.balls.hertz import reduce_by_slip
+from granphon.balls.hertz import force_of, reduce_by_slip
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
@@ -111,7 +111,7 @@ class PressedEquilibrium(Equilibrium):
     @property
     def excess(self) -> Array:
         """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2)."""
-        return self.forces - max(self.overlap, 0.0) ** 1.5 if self.ratio else super().excess
+        return self.forces - force_of(self.overlap) if self.ratio else super().excess
 
     @property
     def boundary_force(self) -> float:

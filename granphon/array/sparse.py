@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
 from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose, factorise
+from granphon.balls import hertz
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, message
@@ -94,17 +95,15 @@ class SparseArray:
         for _ in range(_FACTORISATIONS):
             if check is not None:
                 check()
-            closed = np.maximum(h, 0.0)
-            root = np.sqrt(closed)
-            forces = closed * root
+            forces, root = hertz.press(h)
             mean, pull = float(np.mean(forces)), self._transposed @ forces
             residual, scale = self._find_largest(pull), min(mean, float(np.std(forces)))
-            if mean < THRESHOLD_FORCE and not np.all(closed):
+            if mean < THRESHOLD_FORCE and not np.all(root):
                 break
             if residual <= max(tolerance * scale, _FORCE_ROUNDING * mean):
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
-            stiffness = 1.5 * root
+            stiffness = hertz.stiffness_of(root)
             stiffness += ADDED_STIFFNESS * min(1.0, left) * np.mean(stiffness)
             _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
@@ -134,7 +133,7 @@ class SparseArray:
 
         flat = np.asarray(forces, float).ravel()
         carried = flat > CARRIED_FORCE * self._find_largest(self._transposed @ flat)
-        normal = 1.5 * np.cbrt(np.where(carried, flat, 0.0))
+        normal = hertz.stiffness_under(np.where(carried, flat, 0.0))
         c = self._make_compatibility(mindlin_ratio)
         slips = c.shape[0] // normal.size - 1
         stiffness = np.concatenate([normal, *[mindlin_ratio * normal] * slips])
@@ -173,9 +172,8 @@ def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:
     """
     first, low, high, length = 0.0, 0.0, math.inf, 0.0
     for trial in range(_SLOPES):
-        closed = np.maximum(h - length * strain, 0.0)
-        root = np.sqrt(closed)
-        slope, rise = -float(strain @ (closed * root)) - work, 1.5 * float(root @ strain**2)
+        forces, root = hertz.press(h - length * strain)
+        slope, rise = -float(strain @ forces) - work, hertz.stiffness_of(float(root @ strain**2))
         if trial == 0:
             first, length = slope, 1.0
             continue

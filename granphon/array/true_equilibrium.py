@@ -40,6 +40,7 @@ from granphon.array.linear_response import ActingForces, find_elastic_tensor, fi
 from granphon.array.preconditioners import MOST_BALLS, Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.balls import hertz
 from granphon.base.errors import ConvergenceError, InputError, message
 
 Array = NDArray[np.float64]
@@ -385,7 +386,7 @@ class _Path:
     def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:
         """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
         distance = max(trial.left, trial.missed)
-        stiffness = 1.5 * trial.root
+        stiffness = hertz.stiffness_of(trial.root)
         stiffness += ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
         weights = self._geometry.weigh(stiffness, trial.forces)
         inverse, most = self._inverses.choose(weights), self._inverses.find_patience(weights)
@@ -417,7 +418,7 @@ class _Path:
         self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
         stable = True
         if down is not None:  # with all contacts that touch
-            stiffness, none = 1.5 * trial.root, np.zeros((0, *trial.root.shape))
+            stiffness, none = hertz.stiffness_of(trial.root), np.zeros((0, *trial.root.shape))
             change, _ = trial.place.respond(
                 Motion(down, 0.0), lambda loss, slip: (stiffness * loss, slip), trial.forces, none
             )
@@ -444,19 +445,17 @@ class _Trial:
     def __init__(self, place: ExactPlace, load: ReducedLoad) -> None:
         stencils = place.geometry.stencils
         self.place, self.balls, self.overlap = place, place.balls, place.overlap
-        closed = np.maximum(place.overlaps, 0.0)
-        self.root = np.sqrt(closed)
-        self.forces = closed * self.root
+        self.forces, self.root = hertz.press(place.overlaps)
         self.force = float(np.mean(self.forces))
-        none = np.zeros((0, *closed.shape))
+        none = np.zeros((0, *self.root.shape))
         self.pull = place.pull(self.forces, none)
-        self.push = closed.size * find_lack(load, place, self.forces, none)
+        self.push = self.root.size * find_lack(load, place, self.forces, none)
         squares = np.sum(stencils.cartesian(self.pull) ** 2, axis=0).ravel()
         if not self.force > 0.0:
             raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
         #: forces left on the balls, one after the other, over the mean force; and the most
         self.on_balls = np.sqrt(squares) / self.force
-        self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (closed.size * self.force)
+        self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (self.root.size * self.force)
 
     def slope(self, step: Motion) -> float:
         """Return the slope of the energy along a step."""

@@ -9,9 +9,21 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from granphon.balls.diameters import Spread, given_spread
-from granphon.balls.material import Material
+from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.base.errors import InputError, message
 from granphon.base.validation import label, positive, require
+
+#: reason given when a property of a ball is outside its limit
+WRONG_UNIT = "the unit is probably wrong, SI units are expected"
+#: conditions on balls, by name: the attribute of a ball or packing, what it is, its unit, the limit (SI), whether that is a
+#: least value
+BALL_LIMITS = {
+    "young_modulus": ("material.young_modulus", "Young modulus", "Pa", LEAST_YOUNG_MODULUS, True),
+    "density": ("material.density", "density", "kg/m^3", 1.0, True),
+    "high_density": ("material.density", "density", "kg/m^3", 3e4, False),
+    "diameter": ("diameter", "diameter", "m", 1e-8, True),
+    "large_diameter": ("diameter", "diameter", "m", 1.0, False),
+}
 
 
 class Body(Protocol):

@@ -45,7 +45,8 @@ class PairLaw(Protocol):
     """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
 
     A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if it has none; below 0 where
-    they adhere), and ``most_overlap``, up to which it is known.
+    they adhere), and ``most_overlap``, up to which it is known. Below the first all is zero. A law without a
+    ``least_overlap`` whose force at overlaps below zero is not zero is a bond: it pulls, and the bodies are never apart.
     """
 
     def force(self, overlap: ArrayLike) -> Any:
@@ -468,6 +469,13 @@ class TabulatedLaw:
         return np.where(load > 0.0, np.exp(x), 0.0)[()]
 
 
+def opening_overlap(law: PairLaw) -> float:
+    """Return the overlap below which bodies with a ``law`` are apart, m; -inf of a bond, which never opens."""
+    if (least := getattr(law, "least_overlap", None)) is not None:
+        return float(least)
+    return -math.inf if np.any(np.asarray(law.force(np.array([-1e-9])))) else 0.0
+
+
 def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
     """Return the law of a contact: that which ``law`` has between the two bodies, or itself if it is the law of all pairs.
 
@@ -487,15 +495,39 @@ def check_law(law: PairLaw, radius: float) -> None:
     """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the ``radius``, m.
 
     Raises :class:`~granphon.base.errors.InputError` if one is not the derivative of another, if the overlap of a force is
-    not that from which the force is, if methods do not take arrays, or if the force does not rise with the overlap.
+    not that from which the force is, if methods do not take arrays, if the force does not rise with the overlap, or if there
+    is one below ``least_overlap``.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
     name, delta = type(law).__name__, _PROBES * radius
+
+    def ask(method: str, at: Array) -> Array:
+        try:
+            with np.errstate(all="ignore"):  # what is not a number is told in words
+                return np.asarray(getattr(law, method)(at))
+        except (TypeError, ValueError) as error:
+            what = f"{method} of the contact law {name} does not take an array: {str(error).rstrip('.')}"
+            why = "All contacts are asked at once"
+            mend = "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt, np.where for if"
+            raise InputError(message(what, why, mend)) from error
+
+    least = getattr(law, "least_overlap", None)
+    below = ask("force", (least or 0.0) - delta)
+    if not np.all(np.isfinite(below)):
+        what, mend = f"force of the contact law {name} is not finite below an overlap of", "np.maximum(overlap, 0.0)"
+        raise InputError(message(f"{what} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"))
+    if least is not None and np.any(below):
+        why = f"least_overlap is {least:g} m, below which balls are apart"
+        raise InputError(
+            message(f"the contact law {name} has forces that its least_overlap denies", why, "Return zero there")
+        )
+    if least is None and np.any(below):  # a bond
+        delta = np.concatenate([delta, -delta])
     steps = delta[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
     values = {}
     for method in ("energy", "force", "stiffness", "stiffness_slope"):
-        given = np.asarray(getattr(law, method)(steps))
+        given = ask(method, steps)
         if given.shape != steps.shape or given.dtype.kind != "f" or not np.all(np.isfinite(given)):
             what = f"{method} of the contact law {name} returns {brief(given)} for an array of overlaps"
             raise InputError(message(what, mend="Return an array of numbers of the same shape"))
@@ -507,7 +539,7 @@ def check_law(law: PairLaw, radius: float) -> None:
     for method, of in (("energy", "force"), ("force", "stiffness"), ("stiffness", "stiffness_slope")):
         rise = (values[method][:, 1] - values[method][:, 2]) / (2.0 * _STEP * delta)
         told = values[of][:, 0]
-        size = np.maximum(np.abs(told), np.abs(values[method][:, 0]) / delta)
+        size = np.maximum(np.abs(told), np.abs(values[method][:, 0] / delta))
         off = np.abs(rise - told) > _ALLOWED * size
         if np.any(off):
             at = int(np.argmax(off))
@@ -516,8 +548,8 @@ def check_law(law: PairLaw, radius: float) -> None:
             )
     if np.any(values["stiffness"][:, 0] <= 0.0):
         refuse(f"the force of the contact law {name} does not rise", int(np.argmax(values["stiffness"][:, 0] <= 0.0)))
-    back = np.asarray(law.overlap(values["force"][:, 0]))
-    off = np.abs(back - delta) > _ALLOWED * delta
+    back = ask("overlap", values["force"][:, 0])
+    off = np.abs(back - delta) > _ALLOWED * np.abs(delta)
     if np.any(off):
         at = int(np.argmax(off))
         refuse(f"overlap(force(overlap)) of the contact law {name} is {back[at]:.6g} m", at)

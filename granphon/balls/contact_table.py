@@ -31,6 +31,10 @@ _CLOSING = 1e-3
 _MOST_CELLS = 5_000_000
 #: most balls of a cell whose contacts are sought among all pairs; more are searched by a tree
 _FEW = 40
+#: units in which lengths are often given instead of m, and by what factor numbers are then too large
+_UNITS = {"cm": 1e2, "mm": 1e3, "um": 1e6}
+#: distance of the nearest balls, over the sum of their radii, times or over this factor of a unit, that looks like the unit
+_LIKE = 2.0
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made from x instead
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
@@ -161,11 +165,17 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
         if given:
             why = f"Balls {i[at]} and {j[at]} are {distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
         mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
+        if given and distance[at] <= TOUCH * touch[at]:
+            mend = "Give each site of the cell once; places that differ by vectors of the cell are one site"
+        elif given and least * _LIKE < 1.0 / _UNITS["cm"]:
+            mend = "Compare the units: diameters, cell and positions are in m"
         raise InputError(message(f"balls of {called} overlap", why, mend))
     touching = np.flatnonzero(off <= TOUCH)
     alone = np.setdiff1d(np.arange(n), i[touching])
     if alone.size:
         which = f"ball {alone[0]} of {called}" if given else f"a ball of {called}"
+        if given and closest == math.inf:
+            said, mend = _tell_nearest(cell, positions, size, int(alone[0]))
         raise InputError(message(f"{which} touches no other", said, mend))
     if closest - 1.0 <= _CLOSING:
         gap = f"a gap of {closest - 1.0:.2g}" + " of that" * given
@@ -181,6 +191,23 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
         read_only(i), read_only(j), read_only(shifts), read_only(normal), read_only(vector), read_only(size[i]),
         read_only(size[j]),
     )  # fmt: skip
+
+
+def _tell_nearest(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:
+    """Say how far a ball is from the one that is nearest to touching it, and the unit that this looks like."""
+    steps = _list_steps(cell, math.inf, np.ones(len(cell)))
+    positions = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
+    with np.errstate(over="ignore"):
+        away = positions[:, None] + steps @ cell - positions[ball]
+        gaps = np.linalg.norm(away, axis=-1) / (radii + radii[ball])[:, None]
+    gaps[ball, ~np.any(steps, axis=1)] = np.inf
+    other, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
+    ratio, touch = float(np.min(gaps)), float(radii[other] + radii[ball])
+    said = f"The nearest, ball {other}, is {ratio * touch:.6g} m away, and their radii add up to {touch:.6g} m"
+    unit = next((unit for unit, size in _UNITS.items() if size / _LIKE < ratio < size * _LIKE), "")
+    if unit:
+        return said, f"Give cell and positions in m: they look like {unit}"
+    return said, "Move them together, until their radii add up to their distance"
 
 
 def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tuple[Any, Any, Any, Array]:

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.hertz import EXPONENT
 from granphon.base.errors import InputError, message
 
 Array = NDArray[np.float64]
@@ -99,15 +100,15 @@ class Shape(ABC):
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
         """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
-        return self.average(y, 1.5, x)
+        return self.average(y, EXPONENT, x)
 
     def stiffness(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
         """Average stiffness dF_ave/dy or K^Q = dF^Q/dy (equation 30)."""
-        return 1.5 * self.average(y, 0.5, x)
+        return EXPONENT * self.average(y, EXPONENT - 1.0, x)
 
     def stiffness_slope(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
         """Second derivative d^2F/dy^2 of F_ave or F^Q; for listed diameters it is unbounded just above an opening."""
-        return 0.75 * self.average(y, -0.5, x)
+        return EXPONENT * (EXPONENT - 1.0) * self.average(y, EXPONENT - 2.0, x)
 
 
 class _Density(Shape):

@@ -10,12 +10,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.material import Material
 from granphon.base.errors import InputError, message
 from granphon.base.validation import positive, real_array
 
+Array = NDArray[np.float64]
+#: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
+EXPONENT = 1.5
+#: d log omega / d log f of equal balls, (a - 1)/2a = 1/6, as frequencies go as k^(1/2)
+FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
 #: "much larger" is taken to mean
 MUCH_LARGER = math.sqrt(10.0)
@@ -160,3 +165,72 @@ class HertzLaw:
         It is the force at :func:`high_pressure_overlap`.
         """
         return float(self.force(high_pressure_overlap(width)))
+
+
+# -- the law in reduced units, c = 1, for loops over large arrays: unchecked, and from the roots h_+^(1/2) that they keep ---
+
+
+def press(overlap: Array) -> tuple[Array, Array]:
+    """Return forces h_+^(3/2) and roots h_+^(1/2)."""
+    closed = np.maximum(overlap, 0.0)
+    root = np.sqrt(closed)
+    return np.multiply(closed, root, out=closed), root
+
+
+def press_further(overlap: float, differences: Array, out: Array | None = None) -> tuple[Array, Array]:
+    """Return h_+^(3/2) - y_+^(3/2), without the loss of digits of a subtraction, and h_+^(1/2), for h = y + difference."""
+    common = max(overlap, 0.0)
+    change = np.maximum(differences, -overlap, out=out)  # h_+ - y_+
+    if overlap < 0.0:
+        change += overlap
+    root = change + common
+    np.sqrt(root, out=root)
+    if common == 0.0:
+        change *= root
+        return change, root
+    # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
+    factor = root + math.sqrt(common)
+    np.divide(common, factor, out=factor)
+    factor += root
+    change *= factor
+    return change, root
+
+
+def force_of(overlap: Any) -> Any:
+    """Return h_+^(3/2)."""
+    return np.maximum(overlap, 0.0) ** EXPONENT
+
+
+def force_from(root: Any) -> Any:
+    """Return h_+^(3/2) of roots h_+^(1/2)."""
+    return root * root * root
+
+
+def overlap_of(force: Any) -> Any:
+    """Return f^(2/3)."""
+    return np.cbrt(force) ** 2
+
+
+def energy_of(force: Any, overlap: Any) -> Any:
+    """Return the energy (2/5) f h of contacts with h >= 0; in any units."""
+    return 0.4 * force * overlap
+
+
+def stiffness_of(root: Any) -> Any:
+    """Return (3/2) h^(1/2); it is linear in the ``root``, so that this may be a sum."""
+    return EXPONENT * root
+
+
+def slope_of(root: Array) -> Array:
+    """Return (3/4) h^(-1/2), and zero where balls are apart."""
+    return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
+
+
+def stiffness_under(force: Any) -> Any:
+    """Return the stiffness (3/2) f^(1/3) under forces."""
+    return EXPONENT * np.cbrt(force)
+
+
+def overlap_from(force: Any, stiffness: Any) -> Any:
+    """Return the overlap (3/2) f/k of a contact with the force f and the stiffness k, in any units."""
+    return EXPONENT * force / stiffness

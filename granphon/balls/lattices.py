@@ -138,6 +138,11 @@ class Lattice:
         return len(self.cell)
 
     @property
+    def pressed_axes(self) -> int:
+        """Number of axes along which a pressure acts: the periods."""
+        return self.periods
+
+    @property
     def dimension(self) -> int:
         """Dimension d of the space that holds the balls."""
         return len(self.cell[0])

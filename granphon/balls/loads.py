@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief, message
-from granphon.base.quantities import LOADS, load_quantities
+from granphon.base.quantities import LOAD_KINDS, LOADS, TENSORS, find_load_unit
 from granphon.base.results import read_only
 from granphon.base.validation import finite_array, real_list, require, whole
 
@@ -36,12 +36,14 @@ class Load:
 
     Parameters
     ----------
-    kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a contact), or "side_force"
-        (F on each side of a hexagonal frame).
-    array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in m, pressures in N/m in
-        the plane, Pa in space and N on a line. Overlaps may be negative, as balls may differ; forces and pressures are above
-        zero.
+    kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a contact), "side_force"
+        (F on each side of a hexagonal frame); of a crystal also "stress" or "strain".
+    array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in m, pressures and
+        stresses in N/m in the plane, Pa in space and N on a line. Overlaps may be negative, as balls may differ; forces and
+        pressures are above zero, of a crystal with gravity also zero. Of a stress or strain they are its sizes, above zero.
     balls_per_side : length of a side of the frame in balls, for a side force only.
+    tensor : the stress or strain of size one in Voigt order; tension and extension are positive.
+    gravity : of a crystal, the acceleration towards the face that is held, m/s^2.
 
     Raises
     ------
@@ -52,13 +54,18 @@ class Load:
     kind: str
     array: Any
     balls_per_side: int | None = None
+    tensor: tuple[float, ...] | None = None
+    gravity: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in LOADS:
+        if not isinstance(self.kind, str) or self.kind not in LOAD_KINDS:
             raise InputError(message(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS)))
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
-        if self.kind != "overlap":
+        # an overlap may be negative, and what gravity loads need not be pressed
+        if self.kind != "overlap" and not (self.gravity is not None and np.all(self.array >= 0.0)):
             require_compressive(self.kind, self.array)
+        if (self.kind in TENSORS) != (self.tensor is not None):
+            raise InputError(message("a stress or strain has a tensor, and no other load has one"))
         if (self.kind == "side_force") != (self.balls_per_side is not None):
             raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
         if self.balls_per_side is not None:
@@ -88,7 +95,8 @@ class Load:
     @property
     def _key(self) -> tuple[Any, ...]:
         """What is compared and hashed; a single value is the same load as a list of one."""
-        return self.kind, self.shape if self.size > 1 else (), self.values, self.balls_per_side
+        shape = self.shape if self.size > 1 else ()
+        return self.kind, shape, self.values, self.balls_per_side, self.tensor, self.gravity
 
     def __getitem__(self, index: Any) -> Self:
         """Select some of the loads, by an index as for arrays."""
@@ -116,7 +124,7 @@ class Load:
 
     def describe(self, periods: int) -> str:
         """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``."""
-        return f"{self} {load_quantities(periods)[self.kind].unit}"
+        return f"{self} {find_load_unit(self.kind, periods)}".rstrip()
 
     @property
     def applied(self) -> Self:

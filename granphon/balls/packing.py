@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
-from granphon.balls.hertz import HertzLaw
+from granphon.balls.hertz import HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
@@ -134,8 +134,8 @@ class Packing:
         f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
-        # r^2 = d delta/4, with the overlap delta of two equal balls at the force: k_t = G (d delta)^(3/2) / 3
-        twist = self.material.shear_modulus / 3.0 * self.diameter * np.sqrt(self.law.overlap(f) / self.diameter) ** 3
+        d = self.diameter
+        twist = 8.0 / 3.0 * self.material.shear_modulus * d * (contact_radius_ratio(self.law.overlap(f), d) / 2.0) ** 3
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
     @property
@@ -221,10 +221,13 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
     return read["torsion"], read["bending"]
 
 
-def given_packing(packing: Packing) -> Packing:
+def given_packing(packing: Any) -> Packing:
     """Return ``packing``, the argument of a public call; raises :class:`InputError` if it is not a Packing."""
     if not isinstance(packing, Packing):
-        raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
+        pressed = hasattr(packing, "at_force")  # a crystal, or a medium
+        why = "Averages over diameters are those of Hertz's law and of one kind of ball" if pressed else ""
+        mend = "Give a granphon.Packing" + (", or press this itself: .at_force(...)" if pressed else "")
+        raise InputError(message(f"packing is {packing!r}", why, mend))
     return packing
 
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.text import closest, counted
 from granphon.base.validation import real_list
 
+#: a packing, or what has kinds of balls that can be changed
+BallsT = TypeVar("BallsT")
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
 _MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
@@ -29,6 +31,14 @@ PARAMETERS: Mapping[str, str | None] = {
     **_MATERIAL, "diameter": "m", "width": "m", "friction": None, "spread": None, "lattice": None, "motions": None,
     "torsion": "1", "bending": "1",
 }  # fmt: skip
+#: the parameters of each kind of ball of a crystal and their SI units; a sweep calls them by kind and name, "A.diameter"
+KIND_PARAMETERS: Mapping[str, str] = {**_MATERIAL, "diameter": "m", "mass": "kg"}
+
+
+def find_unit(name: str) -> str | None:
+    """Return the SI unit of a parameter of packings, or of a kind of ball ("A.diameter"); None if it is not a number."""
+    kind, _, own = name.rpartition(".")
+    return KIND_PARAMETERS[own] if kind else PARAMETERS[name]
 
 
 @dataclass(frozen=True)
@@ -41,7 +51,8 @@ class Axis:
     @classmethod
     def of(cls, name: str, given: Any) -> Axis:
         """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or a wrong value."""
-        if name not in PARAMETERS:
+        kind, _, own = name.rpartition(".")
+        if own not in (KIND_PARAMETERS if kind else PARAMETERS):
             guess = closest(name, PARAMETERS)
             raise InputError(
                 message(
@@ -51,7 +62,7 @@ class Axis:
                 )
             )
         listed = given if isinstance(given, list | tuple) else (given,)
-        if PARAMETERS[name] is None or (name == "torsion" and any(isinstance(one, str) for one in listed)):
+        if find_unit(name) is None or (name == "torsion" and any(isinstance(one, str) for one in listed)):
             plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
             axis = cls(name, tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,))
             if not axis.values:
@@ -87,7 +98,7 @@ class Axis:
     @cached_property
     def unit(self) -> str | None:
         """SI unit of the values; None where they are not numbers: "mindlin" may be among those of torsion."""
-        return None if any(isinstance(value, str) for value in self.values) else PARAMETERS[self.name]
+        return None if any(isinstance(value, str) for value in self.values) else find_unit(self.name)
 
     @property
     def labels(self) -> tuple[Any, ...]:
@@ -152,13 +163,17 @@ def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Disc
     raise InputError(message(what, "The parameters of this class are not known", "Give the spreads themselves"))
 
 
-def change_packing(packing: Packing, values: Mapping[str, Any]) -> Packing:
-    """The packing with other values of some of its :data:`PARAMETERS`.
+def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
+    """The packing with other values of some of its :data:`PARAMETERS`, or of those of kinds of balls if it has these.
 
     A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is. Raises
     :class:`InputError` if such a packing is not possible.
     """
+    if not isinstance(packing, Packing):
+        return packing.change(values)  # type: ignore[attr-defined, no-any-return]
     rest = dict(values)
+    if unknown := [name for name in rest if name not in PARAMETERS]:
+        raise InputError(message(f"a packing has no parameter {unknown[0]!r}", "It has " + ", ".join(PARAMETERS), "Use one"))
     material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
     if "width" in rest:
         rest["spread"] = change_width(rest.get("spread", packing.spread), rest.pop("width"))
@@ -175,7 +190,7 @@ def count_combinations(axes: Sequence[Axis]) -> int:
     return count
 
 
-def combine(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
+def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
     """Make a packing for each combination of values; return pairs of the combination in words and its packing.
 
     The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or says that there are too

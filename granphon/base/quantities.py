@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache, lru_cache
@@ -79,7 +79,8 @@ class Quantity:
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
         sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[self.least]
-        return f"a {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
+        article = "an" if self.name[0] in "aeiou" else "a"
+        return f"{article} {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
 
     def read(self, value: Any) -> float:
         """Read a text such as "8 mm": return the float nearest to its SI value.
@@ -194,6 +195,17 @@ LOADS: dict[str, Quantity] = {
     "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
     "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
 }
+#: the quantity of a component of a tensor that loads a crystal
+TENSORS: dict[str, Quantity] = {
+    "stress": Quantity("force per length", "N/m", "-4 kN/m", "N/m, kN/m, N/mm, Pa*m", "any"),
+    "strain": Quantity("strain", "1", "-1e-4", "", "any"),
+}
+#: the kinds of load by name, of packings and of crystals
+LOAD_KINDS = (*LOADS, *TENSORS)
+MASS = Quantity("mass", "kg", "28.84 g", "kg, g, mg")
+INERTIA = Quantity("moment of inertia", "kg*m^2", "1.1e-6 kg*m^2", "kg*m^2, g*cm^2")
+ACCELERATION = Quantity("acceleration", "m/s^2", "9.81 m/s^2", "m/s^2", "any")
+ADHESION = Quantity("energy per area", "J/m^2", "50 mJ/m^2", "J/m^2, mJ/m^2", "zero or above")
 #: what a pressure is on a line and in space: a force, and a force per area
 _PRESSURES = {
     1: Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
@@ -207,3 +219,17 @@ def load_quantities(periods: int) -> dict[str, Quantity]:
     A pressure is a force on a line, a force per length of the boundary of a layer, and a force per area in space.
     """
     return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}
+
+
+def tensor_quantities(periods: int) -> dict[str, Quantity]:
+    """The quantity of a component of a strain, or of a stress, which is a pressure of any sign: :func:`load_quantities`."""
+    if periods == 2:
+        return TENSORS
+    own = _PRESSURES[periods]
+    return TENSORS | {"stress": replace(own, example=f"-{own.example}", least="any", negative="negative")}
+
+
+def find_load_unit(kind: str, periods: int, pressed_axes: int | None = None) -> str:
+    """Return the SI unit of a kind of load; empty if it has none. A pressure acts along the ``pressed_axes``."""
+    quantities = load_quantities(pressed_axes or periods) | tensor_quantities(periods)
+    return quantities[kind].unit.removeprefix("1")

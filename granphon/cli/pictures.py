@@ -168,11 +168,18 @@ def make_scene_page(
 
         first = read.cases[0].case
         begins = f"The scene sweeps parameters; this page is that of the first values: {first.where}."
+        direction = read.directions[0] if read.directions else None
+        title = f"{first.packing.structure.name} lattice, {Path(scene).name}"
         with read.origin.at():
+            if first.medium.name == "crystal":
+                state: Any = first.medium.of(first.packing).at(first.load[0], finite_overlap=read.finite_overlap)
+                begins = "The scene has several states; this page is that of the first."
+                text = make_page(state.source, direction=direction, title=title, remarks=[begins] * (not read.is_single))
+                place.write_text(text, encoding="utf-8")
+                return
             text = make_page(
                 first.packing, read.media, read.load, finite_overlap=read.finite_overlap, path=read.band,
-                direction=read.directions[0] if read.directions else None,
-                title=f"{first.packing.structure.name} lattice, {Path(scene).name}", remarks=[begins] * bool(first.where),
+                direction=direction, title=title, remarks=[begins] * bool(first.where),
             )  # fmt: skip
         place.write_text(text, encoding="utf-8")
 

@@ -16,6 +16,7 @@ from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say
 from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
+    from granphon.balls.packing import Packing
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
 
@@ -85,7 +86,7 @@ def fit_measurements(
     files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.inputs, data))
     if files is not None:
         files.require_free()
-    _require_one_packing("A fit", scene, read)
+    packing = _require_one_packing("A fit", scene, read)
     # the direction of the option, else that of the scene
     along: Sequence[float] | None = read.directions[0] if len(read.directions) == 1 else None
     if direction is not None:
@@ -113,11 +114,11 @@ def fit_measurements(
         {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
         None if distance is None else require("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
-        partial(convert_pressure, read.packing, read.finite_overlap, medium, given),
-        read.packing.structure.periods,
+        partial(convert_pressure, packing, read.finite_overlap, medium, given),
+        packing.structure.periods,
     )
     found = fit_width(
-        read.packing, measured.force, measured.velocity,
+        packing, measured.force, measured.velocity,
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
         measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
         medium=medium, parameters=tuple(dict.fromkeys(("width",) * width + given)), branch=branch,
@@ -202,7 +203,7 @@ def measure_tradeoff(
     files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.inputs)
     if files is not None:
         files.require_free()
-    _require_one_packing("A trade-off", scene, read)
+    packing = _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
     # the truth that the media name: arrays at rest without friction, unless one has a history
     loaded = list(dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)) or [REST]
@@ -239,14 +240,14 @@ def measure_tradeoff(
             # of simulations in their exact geometry the scene has not asked for it, and media are compared in the limit
             asked = read.finite_overlap and not all(one.is_exact for one in read.media)
             found = tradeoff(
-                read.packing, **given, observe=read.observe, finite_overlap=asked, budget=seconds,
+                packing, **given, observe=read.observe, finite_overlap=asked, budget=seconds,
                 most_loads=loads, runs=runs, progress=on_stderr(quiet), executor=executor, store=store,
             )  # fmt: skip
         failures = {} if locked is None else _stage_study(locked, write, figure)
     with tell_interruption(left):
         warn(tuple(failures.values()))
         if not quiet:
-            for line in describe_tradeoff(found, read.packing.structure.periods):
+            for line in describe_tradeoff(found, packing.structure.periods):
                 say(line)
             _say_written(out, TRADEOFF_FILES, failures)
 
@@ -269,7 +270,13 @@ def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, s
         say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
 
 
-def _require_one_packing(what: str, scene: str, read: Scene) -> None:
+def _require_one_packing(what: str, scene: str, read: Scene) -> Packing:
+    from granphon.balls.packing import Packing
+
+    if not isinstance(read.packing, Packing):
+        mend = "Describe balls of one kind by the blocks material and packing"
+        raise InputError(message(f"{scene} has balls of several kinds", f"{what} is for one packing", mend))
     if read.parameters:
         swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
         raise InputError(message(swept, f"{what} is for one packing", "Leave the block 'sweep' out"))
+    return read.packing

@@ -17,8 +17,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_table import ContactTable, contact_frames
+from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
+from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result, read_only
@@ -37,8 +38,6 @@ _BESIDE_GAMMA = 1e-4
 _APART = 1e-2
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
 _MANY_BALLS = 200
-#: part of a period across the line or plane in which it lies, but for rounding
-_LEVEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -461,22 +460,6 @@ class ContactLattice(LongWaves):
             free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
             total += int(np.linalg.matrix_rank(np.concatenate([rigid[block.columns], free], axis=1), tol=_APART))
         return total
-
-
-def find_axes(periods: Array) -> Array:
-    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), the first being along the first.
-
-    They are x, y, z where the periods lie along x, or in the xy plane, already.
-    """
-    p, d = periods.shape
-    if not np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods))):
-        return np.eye(d)
-    first = periods[0] / np.linalg.norm(periods[0])
-    if p == 1:
-        return np.array([[float(part[0]) for part in axis[:d]] for axis in contact_frames(first[None])[:d]])
-    normal = np.cross(periods[0], periods[1])
-    normal = normal / np.linalg.norm(normal)
-    return np.array([first, np.cross(normal, first), normal])
 
 
 def _is_faint(q: Array) -> NDArray[np.bool_]:

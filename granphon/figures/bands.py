@@ -15,7 +15,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
+from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, FRAME, STYLE, VERMILION, print_hertz
 from granphon.figures.zones import find_reciprocal, name_corners, plot_zone
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
@@ -38,6 +38,8 @@ _TRANSLATING = ROTATION(0.0)
 _ROTATING = ROTATION(1.0)
 #: colour of a gap between the branches
 _GAP = "0.9"
+#: colours of energy at the lower edge of a cut, at the upper edge, and inside
+_EDGES = (BLUE, VERMILION, "0.75")
 #: width of a branch, in points
 _LINE_WIDTH = 1.5
 #: frequencies closer than this part of the top one are one line in print
@@ -56,6 +58,8 @@ def plot_bands(
     *,
     asymptotes: Asymptotes | None = None,
     gaps: ArrayLike | None = None,
+    bulk: ArrayLike | None = None,
+    edges: bool = False,
     unit: HertzPrefix | None = None,
     colorbar: bool = True,
 ) -> Axes:
@@ -69,6 +73,9 @@ def plot_bands(
     ----------
     asymptotes : draw the long waves too, see :func:`plot_asymptotes`.
     gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``; they are shaded.
+    bulk : (s, p, b, 2) lowest and highest frequency of each branch of the crystal at each point, Hz, such as
+        ``[surface.continuum(segment) for segment in bands.qpoints]``: a grey field behind the bands of a cut.
+    edges : whether colours are those of the energy at the lower edge of a cut and at the upper one, mixed with grey.
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
     """
@@ -79,6 +86,17 @@ def plot_bands(
     )  # fmt: skip
     values, scale = bands.connected_frequencies / unit.hertz, Normalize(0.0, 1.0)
     fraction = np.take_along_axis(part, bands.connection, 2)
+    if edges:  # not connected: coinciding waves of two edges are not told apart by the eigenvectors that connect branches
+        values, weight = bands.frequencies / unit.hertz, bands.edge_weight
+        mixed = np.array([to_rgb(one) for one in _EDGES])
+        more = np.maximum(weight - 0.25, 0.0) / 0.75  # than that of a wave spread evenly
+        paint = np.concatenate([more, 1.0 - more.sum(axis=-1, keepdims=True)], axis=-1) @ mixed
+    if bulk is not None:
+        field = real_array("bulk", bulk) / unit.hertz
+        if field.ndim != 4 or field.shape[:2] != values.shape[:2] or field.shape[3] != 2:
+            raise InputError(message(f"bulk has the shape {field.shape}", mend=f"Give {values.shape[:2]}, branches and 2"))
+        for s, b in np.ndindex(field.shape[0], field.shape[2]):
+            ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
     for s, x in enumerate(bands.distances):
         widths = _choose_widths(values[s], _COINCIDENT * values.max())
         for b in range(bands.n_branches):
@@ -87,6 +105,8 @@ def plot_bands(
             ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
             pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
             shades: dict[str, Any] = {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
+            if edges:
+                shades = {"colors": paint[s, :, b].clip(0.0, 1.0), "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max()}
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
@@ -105,7 +125,10 @@ def plot_bands(
         ax.axhspan(low, high, color=_GAP, linewidth=0.0, zorder=0.2, label="_" * bool(number) + "gap", gid=f"gap-{number}")
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
-    if colorbar:
+    if edges:
+        for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
+            ax.plot([], [], color=colour, label=name)
+    elif colorbar:
         add_part_bar(ax.get_figure(), ax, colours, f"{words} part of the kinetic energy")
     return ax
 
@@ -207,12 +230,14 @@ def bands_figure(
     *,
     asymptotes: Asymptotes | None = None,
     gaps: ArrayLike | None = None,
+    bulk: ArrayLike | None = None,
+    edges: bool = False,
     title: str | None = None,
 ) -> Figure:
     """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the same axis.
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a cluster has none. Bands or
-    densities may be left out; ``asymptotes`` and ``gaps`` are as in :func:`plot_bands`. Raises
+    densities may be left out; ``asymptotes``, ``gaps``, ``bulk`` and ``edges`` are as in :func:`plot_bands`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
@@ -231,7 +256,7 @@ def bands_figure(
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
-            plot_bands(bands, axes[0], asymptotes=asymptotes, gaps=gaps, unit=unit)
+            plot_bands(bands, axes[0], asymptotes=asymptotes, gaps=gaps, bulk=bulk, edges=edges, unit=unit)
             if space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
             elif any(bands.pbc):

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.errors import FigureError, InputError, message
-from granphon.base.quantities import LOADS
+from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.figures.style import COLOURS, readable_unit
 from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
+from granphon.media.arrangement import Arrangement
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import axis_label
@@ -196,7 +197,7 @@ def make_serving(curves: Iterable[Curve]) -> list[Line2D]:
 
 def find_load(dataset: Dataset) -> str:
     """Return the name of the load that was given: a coordinate along the loads."""
-    return next((str(name) for name in LOADS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
+    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
 def is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
@@ -263,9 +264,11 @@ def write_labels(dataset: Dataset, name: str) -> list[str]:
 
 
 def read_packing(dataset: Dataset) -> Packing | None:
-    """Return the packing whose parameters a sweep varies; None if the data set does not tell it."""
-    told = dataset.attrs.get("packing")
-    found: Packing | None = None if told is None else restore(json.loads(told), Packing, "the packing of the sweep")
+    """Return the packing whose parameters a sweep varies; None if the data set does not tell it, as of a crystal."""
+    told = json.loads(dataset.attrs.get("packing", "null"))
+    if told is None or told.get("class") == Arrangement.__name__:
+        return None
+    found: Packing = restore(told, Packing, "the packing of the sweep")
     return found
 
 
@@ -299,6 +302,9 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     packing = read_packing(dataset)
     finite = list_finite_overlap(dataset)
     base = {} if packing is None else list_facts(packing)
+    told = json.loads(dataset.attrs.get("packing", "{}"))
+    if told.get("class") == Arrangement.__name__:
+        base["lattice"] = f"{told['lattice'] or 'crystal'} of {', '.join(name for name, _ in told['kinds'])}"
     found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
     if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"

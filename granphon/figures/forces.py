@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES
+from granphon.figures.scales import FORCES, add_title
 
 import matplotlib
 import numpy as np
@@ -23,7 +23,17 @@ from granphon.array.sample import Sample
 from granphon.base.errors import InputError, brief, message
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
-from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE, VERMILION, readable_unit
+from granphon.figures.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    DPI,
+    GUIDE,
+    PAGE_WIDTH,
+    STYLE,
+    VERMILION,
+    colour_kinds,
+    readable_unit,
+)  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import number_kinds
@@ -37,7 +47,7 @@ _MOST_POINTS = 1.5
 _WIDEST = 4.0
 #: colours of balls and of those that do not move, and of contacts without force and walls
 _BALL, _STILL, _IDLE = "0.95", "0.75", "0.55"
-#: colours of balls of several kinds
+#: colours of balls of several masses, whose kinds are not known
 _TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
 #: difference of forces, over their mean, that is only rounding
 _SAME = 1e-10
@@ -56,6 +66,8 @@ _MOST_DIAMETERS, _WINDOW = 48.0, 24.0
 _LEAST_SQUARE, _MOST_SQUARES = 4.0, 40
 #: height of a figure of the window alone, and of that of a large array, in inches
 _WINDOW_HEIGHT, _LARGE_HEIGHT = 3.65, 3.1
+#: height of a row of kinds in a legend, in inches
+_ROW_HEIGHT = 0.16
 
 
 def plot_forces(
@@ -75,7 +87,8 @@ def plot_forces(
 
     Of a network the forces are in N and the axes in m, with prefixes. Balls have their radii; those that do not move are
     darker. A contact across the edge of a period ends on both sides where the balls touch; one with a flat wall ends at a
-    short piece of the wall. Contacts without force are thin and grey. A network in space is seen along z.
+    short piece of the wall. Contacts without force are thin and grey. A network in space is seen along z. Balls of several
+    kinds have the colours of a legend; if kinds are not known, those of each mass have a tint.
 
     Parameters
     ----------
@@ -103,6 +116,7 @@ def plot_forces(
     if ax is None:
         with matplotlib.rc_context(STYLE):
             height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
+            height += _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))
             figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
             return plot_forces(sample, figure.subplots(), show=show, window=window)
     figure = ax.get_figure()
@@ -124,7 +138,8 @@ def plot_forces(
         means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name}"
     else:
         drawn = _draw_chains(layer, ax, edges)
-    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", title=layer.title)
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    add_title(ax, layer.title, layer.kinds if any(one.get_gid() == "balls" for one in ax.collections) else {})
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=network is None, steps=[1, 2, 5, 10]))
     if network is None:
@@ -225,6 +240,7 @@ class _Map:
     axes : the labels of both axes, without the unit of a network.
     find_lines : returns the lines (m, 2, 2) of the contacts, and their forces (m,).
     network : the network, if it is one.
+    kinds : the colours of kinds of balls, by their names.
     """
 
     places: Array
@@ -239,6 +255,7 @@ class _Map:
     axes: tuple[str, str]
     find_lines: Callable[[], tuple[Array, Array]]
     network: ContactNetwork | None = None
+    kinds: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def size(self) -> Array:
@@ -313,10 +330,14 @@ def _project(network: ContactNetwork) -> _Map:
     diameter = float(2.0 * np.mean(radii))
     margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
     width, tall = (high - low + 2.0 * margin).tolist()
-    # balls of each mass have a tint of their own, if there are few masses
+    # balls of each kind have a colour; of each mass a tint, if there are few masses
     moving = network.moving[shown]
     colours = np.full(len(shown), _STILL, dtype=object)
-    colours[moving] = [_TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])]
+    known = np.array(network.kinds or [""] * network.n_balls, object)
+    if kinds := colour_kinds(known[network.moving]):
+        colours[moving] = [kinds[name] for name in known[shown][moving]]
+    else:
+        colours[moving] = [_TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])]
     along = ", seen along $z$" if network.dimension == 3 else ""
 
     def find_lines() -> tuple[Array, Array]:
@@ -336,7 +357,7 @@ def _project(network: ContactNetwork) -> _Map:
         (*(low - margin).tolist(), *(high + margin).tolist()), diameter,
         1.3 + float(np.clip(2.75 * tall / width, 0.35, 6.0)),
         f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}", ("$x$", "$y$"),
-        find_lines, network,
+        find_lines, network, kinds,
     )  # fmt: skip
 
 

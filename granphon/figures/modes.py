@@ -5,11 +5,12 @@ As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import draw_alone, hide_axes
+from granphon.figures.scales import add_title, draw_alone, hide_axes
 
 import matplotlib
 import numpy as np
@@ -18,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
@@ -25,11 +27,12 @@ from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import positive, real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
+from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, print_hertz
 from granphon.figures.views import Painter, View
 
 if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
+    from granphon.waves.modes import NetworkModes
 
 
 Array = NDArray[np.float64]
@@ -41,10 +44,14 @@ _MARK = np.pi / 2.0
 _CUBE = 2.4
 #: colours of balls, of the lines that join balls in contact, and of marks on balls
 _BALL, _CONTACT, _RING = "0.93", "0.62", "0.3"
+#: colours of balls that do not move, of the sectors of spins, and the white rim of their arcs on balls of any colour
+_STILL, _LIGHT, _RIM = "0.75", {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}, withStroke(linewidth=2.0, foreground="white")
 #: part of white in the colours of what is farthest from the viewer
 _FADE = 0.55
 #: width of the shaft of an arrow, in diameters
 _SHAFT = 0.055
+#: most balls of a mode of a network that are drawn
+_MOST_BALLS = 500
 #: spins and displacements below this part of a diameter are not drawn
 _LEAST = 0.01
 
@@ -62,6 +69,8 @@ class _Motion:
     rotate: bool
     planar: bool  # balls of a plane or a line that stay in it
     title: str
+    colours: list[str]  # (m,)
+    kinds: dict[str, str]  # colours of the kinds of balls, if they are known, by their names
 
     @property
     def view(self) -> View:
@@ -75,7 +84,7 @@ class _Motion:
             _draw_plane(ax, self, shift[:, :2], turn[:, 2])
         else:
             _draw_spheres(ax, view, self, size * self.radii, shift, turn, moved)
-        ax.set_title(self.title)
+        add_title(ax, self.title, self.kinds)
 
 
 def plot_mode(
@@ -94,7 +103,8 @@ def plot_mode(
 
     Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), and is turned by the angle phi = w/R_g.
     Displacements and w have one scale, on which the largest of them in a period is 0.4 d. The free phase of the eigenvector
-    is such that the largest of its components is real and positive, so that nothing stands still at phase 0.
+    is such that the largest of its components is real and positive, so that nothing stands still at phase 0. Balls of
+    several kinds have the colours of a legend.
 
     Balls that stay in their plane are drawn at their real size, with an arrow from the centre for the displacement; the
     angle is the sector between the upright and a mark, in vermilion anticlockwise and in blue clockwise. Other balls are
@@ -121,6 +131,27 @@ def plot_mode(
 def mode_figure(phonons: Phonons, q: ArrayLike, branch: int, **options: Any) -> Figure:
     """Draw a figure of one mode, one column wide; ``options`` are those of :func:`plot_mode`."""
     return draw_alone(lambda ax: plot_mode(phonons, q, branch, ax, **options), COLUMN_WIDTH)
+
+
+def plot_network_mode(
+    modes: NetworkModes, ax: Axes, *, mode: int = 0, phase: float = 0.0, view: View | None = None, size: float = 0.5
+) -> Axes:
+    """Draw one of the modes of a network, counted from 0 as in ``modes.frequencies``; axes in mean diameters, hidden.
+
+    Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge of a period are left
+    out, and so are flat walls. Of more than 500 balls those are drawn that have most of the kinetic energy; the title says
+    so.
+    """
+    motion = _find_network_motion(modes, mode)
+    motion.draw(ax, phase, view or motion.view, positive("size", size))
+    return ax
+
+
+def network_mode_figure(
+    modes: NetworkModes, *, mode: int = 0, phase: float = 0.0, view: View | None = None, size: float = 0.5
+) -> Figure:
+    """Draw a figure of a mode of a network, one column wide; see :func:`plot_network_mode`."""
+    return draw_alone(lambda ax: plot_network_mode(modes, ax, mode=mode, phase=phase, view=view, size=size), COLUMN_WIDTH)
 
 
 def animate_mode(
@@ -177,6 +208,8 @@ def _find_motion(
     places, balls, pairs = _place_balls(lattice, cells)
     wave = np.exp(1j * (places[:, :p] @ (modes.wavevectors[0] * phonons.scales.length)))[:, None]
     radii = phonons.atoms.arrays.get("radius", np.full(n, 0.5))[balls]
+    names = phonons.state.kinds or [""] * n
+    kinds = colour_kinds(names)
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)
     near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:p]]
@@ -189,7 +222,39 @@ def _find_motion(
     return _Motion(
         places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave,
         lattice.gyration[balls], moving.rotate,
-        planar, f"q = ({fractions})\n{said}{part}",
+        planar, f"q = ({fractions})\n{said}{part}", [kinds.get(names[ball], _BALL) for ball in balls.tolist()], kinds,
+    )  # fmt: skip
+
+
+def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
+    """Find the motion of the balls that are drawn in a mode of a network."""
+    network, count = modes.network, len(modes.frequencies)
+    mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
+    vectors = modes.vectors[mode]
+    energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
+    balls = np.sort(np.argsort(-energy, kind="stable")[: min(_MOST_BALLS, np.count_nonzero(energy >= 0.0))])
+    place = np.full(network.n_balls, -1)
+    place[balls] = np.arange(balls.size)
+    pairs = np.stack([place[network.i], place[network.j]], axis=1)
+    pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
+    motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
+    gyration, free = np.ones(balls.size), network.moving[balls]
+    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
+    u, w = np.zeros((2, balls.size, 3))
+    u[:, list(moving.translations)] = motion[:, : modes.displacements]
+    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
+    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    hertz = float(modes.frequencies[mode])
+    unit = HertzPrefix.for_top(hertz)
+    part = f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %" if moving.rotate else ""
+    names = network.kinds or [""] * network.n_balls
+    kinds = colour_kinds(itertools.compress(names, network.moving))
+    few = f", {balls.size} of {network.n_balls} balls" if balls.size < network.n_balls - np.sum(energy < 0.0) else ""
+    said = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation {modes.participation_ratio[mode]:.2g}{few}"
+    return _Motion(
+        network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
+        moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
+        [kinds.get(names[ball], _BALL) if network.moving[ball] else _STILL for ball in balls.tolist()], kinds,
     )  # fmt: skip
 
 
@@ -231,14 +296,16 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     """
     centres, radii = motion.places[:, :2], motion.radii
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
-    ax.add_collection(PatchCollection(balls, facecolor="0.94", edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls"))
+    ax.add_collection(
+        PatchCollection(balls, facecolor=motion.colours, edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls")
+    )
     if motion.rotate:
 
         def at(distance: Array, angle: Array) -> Array:
             arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
             return np.asarray(centres[:, None] + arms)
 
-        colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
+        ways = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
         rim, end = 0.72 * radii, _MARK + angles[:, None]
         marks = at(radii, end + np.array([0.0, np.pi]))
         arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
@@ -248,10 +315,12 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
         wing = 0.5 * (arcs[:, -1:] - back) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
         heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
         sectors = np.concatenate([centres[:, None], arcs], axis=1)
-        ax.add_collection(PolyCollection(list(sectors), facecolors=colours, alpha=0.25, linewidths=0.0, zorder=1.5))
+        ax.add_collection(
+            PolyCollection(list(sectors), facecolors=[_LIGHT[way] for way in ways], linewidths=0.0, zorder=1.5)
+        )
         ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
-        ax.add_collection(LineCollection(list(arcs), colors=colours, linewidths=1.0, gid="spins"))
-        ax.add_collection(PolyCollection(list(heads), facecolors=colours, linewidths=0.0, zorder=2.1))
+        ax.add_collection(LineCollection(list(arcs), colors=ways, linewidths=1.0, gid="spins", path_effects=[_RIM]))
+        ax.add_collection(PolyCollection(list(heads), facecolors=ways, linewidths=0.0, zorder=2.1))
 
     ax.quiver(
         *centres.T, *shift.T, angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
@@ -284,8 +353,9 @@ def _draw_spheres(
         ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
         rings = np.stack([np.roll(ring, axis, axis=1) for axis in range(3)])
         turned = [rings @ matrix.T for matrix in Rotation.from_rotvec(turn).as_matrix()]
-    for centre, radius, u, phi, scale, circles in zip(centres, radii, shift, turn, motion.gyration, turned, strict=True):
-        painter.add_sphere(centre, radius, _BALL)
+    balls = zip(centres, radii, shift, turn, motion.gyration, turned, motion.colours, strict=True)
+    for centre, radius, u, phi, scale, circles, face in balls:
+        painter.add_sphere(centre, radius, face)
         for circle in circles:
             seen = np.flatnonzero(view.nearness(circle) >= 0.0)
             for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief, message
+from granphon.networks.network import refuse_unpressed
 from granphon.runs.dataset import find_dataset
 
 if TYPE_CHECKING:
@@ -24,7 +25,9 @@ _PICTURES = {
     "granphon.PathSpectra": ("spectra", "spectrum_figure", "spectra"),
     "granphon.SpectralFunction": ("spectra", "lines_figure", "spectrum"),
     "granphon.SpectralDensity": ("spectra", "sample_dos_figure", "dos"),
+    "granphon.SurfaceSpectrum": ("spectra", "surface_figure", "spectrum"),
     "granphon.Pulse": ("pulses", "pulse_figure", "pulse"),
+    "granphon.NetworkModes": ("modes", "network_mode_figure", "modes"),
     "granphon.ContactNetwork": ("forces", "network_figure", "network"),
     "granphon.SimulatedState": ("forces", "forces_figure", "state"),
     "xarray.Dataset": ("sweeps", "sweep_figure", "dataset"),
@@ -33,8 +36,8 @@ _PICTURES = {
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
 _WORDS = (
-    "bands, a density of states, a sweep, a fit, a trade-off, spectra, a pulse, a state, a sample, a network, or the"
-    " result of a run of a scene with bands, a density of states or a sweep"
+    "bands, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a pulse, modes, a state, a sample, a"
+    " network, or the result of a run of a scene with bands, a density of states or a sweep"
 )
 
 
@@ -42,11 +45,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     """Draw the default picture of a result, or one picture of several, and return the figure, which a notebook shows.
 
     ``result`` is bands, a density of states (of a lattice or of a sample), a sweep, a fit, a trade-off, spectra along a path
-    or at single wave vectors, a pulse, a state at one load, a sample, a network of contacts, or the result of the run of a
-    scene, of which bands, density of states or sweep are drawn. Of a state whose contacts follow from a law the picture is
-    that of some cells of its network. ``options`` are those of the function of
-    :mod:`granphon.figures` that draws it, such as ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``.
-    Functions that draw on an Axes of yours are in the same modules.
+    or at single wave vectors, a pulse, modes of a network (``mode``: which of them), a state at one load, a sample, a
+    network of contacts, or the result of the run of a scene, of which bands, density of states or sweep are drawn. Of a
+    state whose contacts follow from a law the picture is that of some cells of its network. ``options`` are those of the
+    function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of ``bands_figure`` and ``variable`` of
+    ``sweep_figure``. Functions that draw on an Axes of yours are in the same modules.
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with
     measured points, or bands, or densities of states. ``options`` are then those of
@@ -77,6 +80,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
+        refuse_unpressed(result)
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
     draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given, options)

@@ -11,7 +11,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from logging.handlers import BufferingHandler
@@ -35,7 +35,6 @@ from granphon.figures.style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
 
 @contextmanager
@@ -71,6 +70,7 @@ with _open_door():
     from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
     from matplotlib.figure import Figure
     from matplotlib.font_manager import FontProperties, findfont, get_font
+    from matplotlib.lines import Line2D
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
 
@@ -204,12 +204,32 @@ def add_legend(figure: Figure, handles: Sequence[Line2D], room: int = 0, title: 
     panels.
     """
     labels = [str(handle.get_label()) for handle in handles]
-    columns = next((count for count, letters in _COLUMNS.items() if max(map(len, labels)) <= letters), 1)
-    columns = min(columns, len(handles))
+    columns = _count_columns(labels)
     rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
     more = max(0, rows - room) * _ROW_HEIGHT
     figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title, **options)
+
+
+def _count_columns(labels: Sequence[str]) -> int:
+    return min(len(labels), next((n for n, letters in _COLUMNS.items() if max(map(len, labels)) <= letters), 1))
+
+
+def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
+    """Set the title of an Axes, and below it a legend of ``kinds`` of balls, colours by their names, if there are any."""
+    names: dict[str, str] = {}
+    for name, colour in kinds.items():
+        names[colour] = name if colour not in names else "others"
+    rows = 0
+    if names:
+        columns = _count_columns(list(names.values()))
+        rows = -(-len(names) // columns)
+        look: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "0.35", "markeredgewidth": 0.5}
+        ax.legend(
+            handles=[Line2D([], [], color=colour, label=name, **look) for colour, name in names.items()], ncols=columns,
+            loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.2, handletextpad=0.2, labelspacing=0.3,
+        )  # fmt: skip
+    ax.set_title(title, pad=6.0 + 11.0 * rows)
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:

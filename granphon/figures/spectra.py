@@ -32,6 +32,7 @@ from granphon.figures.style import (
     print_hertz,
 )  # fmt: skip
 from granphon.figures.zones import name_corners
+from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.spectral_functions import SpectralFunction
@@ -108,6 +109,48 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     bar = figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(f"Spectral function, {one.polarisation} (1/{print_hertz(unit)})")
     return ax
+
+
+def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranches | None = None) -> Axes:
+    """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over the wave vectors in turn.
+
+    Lines are the edges of the crystal's bands, and dots the ``branches``, at the same wave vectors. The x axis counts the
+    first coordinate that changes, in fractions of the reciprocal cell.
+    """
+    unit, q = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints
+    moving = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
+    if len(q) < 2 or not moving.size or len(spectrum.frequencies) < 2:
+        raise InputError(message("a map needs several wave vectors and frequencies", mend="Give more of them"))
+    x, y = q[:, moving[0]], spectrum.frequencies / unit.hertz
+    values, most = spectrum.values.T * unit.hertz, float(spectrum.values.max()) * unit.hertz
+    norm = LogNorm(most / _SHADES, most)
+    mesh = ax.pcolormesh(
+        x, y, np.maximum(values, most / _SHADES), norm=norm, cmap=SPECTRUM, shading="nearest", rasterized=True, gid="surface"
+    )
+    for edge in spectrum.edges.reshape(len(q), -1).T / unit.hertz:
+        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2))
+    if branches is not None:
+        ax.plot(
+            x[branches.place],
+            branches.frequencies / unit.hertz,
+            "o",
+            markersize=1.6,
+            color=ORANGE,
+            label="waves of the edge",
+        )
+    ax.set(xlabel=f"Wave vector $q_{moving[0] + 1}$ (reciprocal cell)", ylabel=f"Frequency ({print_hertz(unit)})")
+    ax.set(xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
+    figure: Any = ax.get_figure()
+    figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02).set_label(f"Outer layer (1/{print_hertz(unit)})")
+    return ax
+
+
+def surface_figure(spectrum: SurfaceSpectrum, *, branches: SurfaceBranches | None = None) -> Figure:
+    """Draw :func:`plot_surface` as a figure, one column wide."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN_WIDTH, 3.1), dpi=DPI, layout="constrained")
+        plot_surface(spectrum, figure.subplots(), branches=branches)
+    return figure
 
 
 def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:

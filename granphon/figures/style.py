@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,10 @@ FRAME = "0.75"
 #: colours of longitudinal and transverse waves, and of the branches that begin as such waves
 LONGITUDINAL_COLOUR = "#0D0887"
 TRANSVERSE_COLOUR = SKY_BLUE
+#: colours of balls of several kinds, in the order in which kinds come, and of all others: every eye tells them apart, and
+#: black arrows stand out on them
+KIND_COLOURS = (SKY_BLUE, ORANGE, "#1F8A63", "#F7C3DE", "#F4EFB0", "#8F55B5")
+OTHER_KINDS = "#9A9A9A"
 #: length to which messages of matplotlib are shortened, in letters
 _REASON = 300
 
@@ -67,6 +71,13 @@ def readable_unit(largest: float, unit: str) -> tuple[float, str]:
 def print_hertz(unit: HertzPrefix) -> str:
     """Return the name of a decimal unit of hertz as it is printed."""
     return unit.name.replace("uHz", "µHz")
+
+
+def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
+    """Return the colour of each kind of balls by its name, from the names of balls; none if there are not several kinds."""
+    names = list(dict.fromkeys(kinds))
+    colours = (*KIND_COLOURS, *(OTHER_KINDS for _ in names))
+    return dict(zip(names, colours, strict=False)) if len(names) > 1 else {}
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:

@@ -16,7 +16,7 @@ _NO_BREAK = "\u00a0"
 #: the media in words, without their options
 MEDIA = {
     "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
-    "simulation": "simulation", "auto": "automatic medium",
+    "simulation": "simulation", "auto": "automatic medium", "crystal": "crystal",
 }  # fmt: skip
 #: what the options of media mean in a legend; the value stands for {}
 _OPTIONS = {
@@ -29,7 +29,7 @@ _OPTIONS = {
 #: symbols of the numbers that describe balls, and their units, with the names under which sweeps vary them
 _SYMBOLS = {
     "young_modulus": ("E", "Pa"), "poisson_ratio": ("ν", ""), "density": ("ρ", "kg/m³"), "diameter": ("d", "m"),
-    "width": ("W", "m"),
+    "width": ("W", "m"), "mass": ("m", "kg"),
 }  # fmt: skip
 #: what is said of motions, and of terms of finite overlap, where nothing was asked for: a title leaves these out
 DEFAULTS = frozenset({"motions of the lattice", "no torsion", "no bending", "limit of small overlap"})
@@ -70,7 +70,13 @@ def write_value(value: float, unit: str) -> str:
 
 
 def describe_parameter(name: str, value: Any) -> tuple[str, str]:
-    """Return the kind of fact that a parameter of a packing is, and its value in words: ("spread", "W = 2 µm")."""
+    """Return the kind of fact that a parameter of a packing is, and its value in words: ("spread", "W = 2 µm").
+
+    Those of a kind of ball, "A.diameter", are told with the kind: "d = 8 mm of A".
+    """
+    kind, _, own = name.rpartition(".")
+    if kind:
+        return name, f"{describe_parameter(own, value)[1]} of {kind}"
     if name in _SYMBOLS and not isinstance(value, str):
         symbol, own = _SYMBOLS[name]
         text = f"{symbol} = {write_value(float(value), own)}"

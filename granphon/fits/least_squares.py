@@ -90,7 +90,7 @@ class FitProblem:
         """Widths to try, m, ascending; the packing's own is one of them."""
         force, packing = self.model.force, self.model.packing
         units = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
-        low, high = np.cbrt(units / packing.law.coefficient) ** 2
+        low, high = packing.law.overlap(units)
         count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
+from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import change_packing
@@ -44,7 +45,8 @@ Array = NDArray[np.float64]
 _BRANCHES = ("longitudinal", "transverse", "transverse_slow", "transverse_fast")
 #: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added to it
 VARIABLE: Mapping[str, tuple[float, float]] = {
-    "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
+    "width": ((EXPONENT - 1.0) / 2.0, -EXPONENT), "young_modulus": (0.5, -1.0),
+    "diameter": ((1.0 - EXPONENT) / 2.0, EXPONENT - 2.0),
 }  # fmt: skip
 #: step in the logarithm of a parameter, from which derivatives are found where overlap is finite
 _STEP = 1e-4

@@ -1,4 +1,4 @@
-"""The averages over balls in equation (36), at the points of steps: quadratures for densities, sums for listed diameters.
+"""The averages of Hertz's law in equation (36), at the points of steps: quadratures of densities, sums of listed diameters.
 
 With n diameters the curve has n(n + 1)/2 openings, and each of the steps between them needs n sums of n powers. The forces
 of contacts whose opening lies far below a block of steps are smooth functions of y there: their sum is one polynomial for

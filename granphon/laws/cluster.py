@@ -1,4 +1,4 @@
-"""The contact law of the cluster medium: a cluster of random balls among random balls, in the lattice that they make.
+"""The contact law of the cluster medium: a cluster of random balls among random balls, all in Hertz contact.
 
 The equations are those of :mod:`granphon.laws.cluster_balance`. They are solved at some overlaps, and the curve is fitted to
 these by a polynomial and a series.

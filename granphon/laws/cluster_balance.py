@@ -5,11 +5,11 @@ have the mean force f and the stiffness kappa, and are linear; so are all contac
 
     phi_c = (h_c)_+^(3/2) - f - kappa (h_c - y)
 
-by which their forces differ. With the misfits s and the response P (:mod:`granphon.dynamics.cluster_response`) the
-equilibrium of the whole array is h = y + s - P phi/kappa. Inside the cluster it is solved as it stands. Outside, phi is not
-known: there it is taken as independent from contact to contact, of mean zero and of the variance that it has inside. It
-pushes the cluster by -P phi/kappa, which is taken as normal with the covariance tau^2 R, R being ``remote`` and
-tau = phi_rms/kappa. So
+by which their forces, those of Hertz's law, differ. With the misfits s and the response P
+(:mod:`granphon.dynamics.cluster_response`) the equilibrium of the whole array is h = y + s - P phi/kappa. Inside the cluster
+it is solved as it stands. Outside, phi is not known: there it is taken as independent from contact to contact, of mean zero
+and of the variance that it has inside. It pushes the cluster by -P phi/kappa, which is taken as normal with the covariance
+tau^2 R, R being ``remote`` and tau = phi_rms/kappa. So
 
     h = y + s + tau m - P phi/kappa
 

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
+from granphon.balls.hertz import overlap_of
 from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
@@ -154,7 +155,7 @@ class Accuracy:
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(loads), np.log(largest)))
             # the overlap over that at the greatest load of the table, by the law of equal balls
-            further = (place / loads[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (loads[-1] - 0.5)
+            further = overlap_of(place / loads[-1]) if table == "force" else (place - 0.5) / (loads[-1] - 0.5)
             found = np.where(place > loads[-1], largest[-1] / np.maximum(further, 1.0) ** power, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))

@@ -22,6 +22,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.quantities import load_quantities
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import FRICTIONLESS, accuracy
+from granphon.media.arrangement import Balls, CrystalMedium
 from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import reduce_load
@@ -169,10 +170,12 @@ class AutoMedium(MediumBase[ContactState]):
 
 
 _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
-#: the classes of media by the names that scenes and sweeps use
+#: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
+#: the same, and that of crystals
+_EVERY: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in MEDIA.items()}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in _EVERY.items()}
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,7 @@ class MediumChoice:
     options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
-        name = require("medium", partial(choice, options=tuple(MEDIA)), self.name)
+        name = require("medium", partial(choice, options=tuple(_EVERY)), self.name)
         given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
@@ -305,9 +308,7 @@ class MediumChoice:
         """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
         return asked or self.is_exact
 
-    def by_geometry(
-        self, packing: Packing, load: Load, finite_overlap: bool = False
-    ) -> list[tuple[MediumChoice, list[int]]]:
+    def by_geometry(self, packing: Balls, load: Load, finite_overlap: bool = False) -> list[tuple[MediumChoice, list[int]]]:
         """Return the choice in each geometry, by word, that the medium of a packing has at values of a load, and places."""
         medium = self.of(packing)
         return [
@@ -333,12 +334,13 @@ class MediumChoice:
             why = "It chooses another medium at each load and width"
             raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
 
-    def of(self, packing: Packing) -> _AnyMedium:
+    def of(self, packing: Balls) -> _AnyMedium | CrystalMedium:
         """Return the medium for this packing."""
         options: Any = dict(self.options)
-        return MEDIA[self.name](packing, **options)
+        own: Any = packing  # a medium refuses the balls that it is not for
+        return _EVERY[self.name](own, **options)
 
-    def choose(self, packing: Packing, load: Load) -> list[ServingMedium]:
+    def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
@@ -366,7 +368,7 @@ class ServingMedium:
 
     medium: MediumChoice
     loads: NDArray[np.intp]
-    packing: Packing
+    packing: Any
     load: Load
     chosen_automatically: bool = False
     truth: FrictionHistory = REST
@@ -468,7 +470,8 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
         return value if lattice is None else value.on(lattice)
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
-    choice(name, tuple(MEDIA))
+    if name != CrystalMedium.name:
+        choice(name, tuple(MEDIA))
     options = (
         {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
     )

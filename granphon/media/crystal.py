@@ -12,37 +12,36 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Self
+from operator import attrgetter
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import compose
-from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, WRONG_UNIT, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, require_joined
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, lengths, real_array, require, truth, whole_number
+from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Edge = Literal["free", "clamped", "floor"]
-#: how an edge may be held
-EDGES = ("free", "clamped", "floor")
 #: structures of two kinds of balls, beside the lattices that have a name
 STRUCTURES = ("NaCl", "CsCl", "zincblende")
 #: most cells of a supercell along a period, and most layers of a cut
@@ -86,7 +85,8 @@ class Crystal:
     law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
         pairs of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the
         methods of :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives
-        once.
+        once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
+        opens; or it adheres down to its ``least_overlap``, and is zero below that.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
         where the contact radius a of any law is that of its stiffness k = 2 E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
@@ -128,6 +128,7 @@ class Crystal:
         self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
         motions: str | None = None, torsion: float | str = 0.0, bending: float = 0.0, name: str = "of these balls",
     ) -> None:  # fmt: skip
+        require("name", label, name)
         places = real_array("positions", positions)
         vectors = real_array("cell", cell)
         if places.ndim != 2 or not len(places) or not 1 <= places.shape[1] <= 3:
@@ -140,7 +141,7 @@ class Crystal:
             raise InputError(message(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m"))
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
             raise InputError(message("the cell or a position of the crystal is not finite"))
-        given: list[Any] = [balls] if isinstance(balls, Ball) else list(balls)
+        given = _list_balls(balls)
         if len(given) != n:
             raise InputError(message(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site"))
         kinds, kind = _find_kinds(given)
@@ -151,7 +152,8 @@ class Crystal:
             raise InputError(message(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"))
         if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
             what = f"the cell of crystal {name!r} has no room for a ball"
-            raise InputError(message(what, "Its vectors are too short, or not independent", "Give lengths in m"))
+            why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
+            raise InputError(message(what, why, "Give lengths in m"))
         if p == 0 and n == 1:
             raise InputError(message("a single ball without a period touches nothing", mend="Give a cell"))
         contacts = find_contacts(vectors, places, name, radii)
@@ -192,7 +194,7 @@ class Crystal:
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
         because the radii do not fit the lattice.
         """
-        given = [balls] if isinstance(balls, Ball) else list(balls)
+        given = _list_balls(balls)
         _find_kinds(given)
         if lattice == "chain" or lattice is LATTICES["chain"]:
             steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
@@ -214,7 +216,10 @@ class Crystal:
             said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
             what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
             raise InputError(message(what, said, "Give balls of one size, or cell and positions at which they touch"))
-        return cls(balls_on, scale * structure.vectors, scale * structure.positions, **({"name": structure.name} | options))
+        cell = scale * structure.vectors
+        if len(given) == structure.n_balls == 2:
+            _require_fit(given, cell, structure.name)
+        return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
     @classmethod
     def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
@@ -229,8 +234,12 @@ class Crystal:
         if not all(hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")):
             raise InputError(message(f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m"))
         symbols = atoms.get_chemical_symbols()
+        if not symbols or not isinstance(balls, Mapping):
+            what = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
+            raise InputError(message(what, mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more"))
         if missing := sorted(set(symbols) - set(balls)):
             raise InputError(message(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"))
+        _find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
         places, cell = np.array(atoms.positions, float), np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
         small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
@@ -337,6 +346,21 @@ class Crystal:
             deviations = np.where(np.isin(np.arange(self.n_balls), at), 0.0, deviations)
         return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known), deviations=deviations)
 
+    def with_balls(self, balls: Mapping[str, Ball]) -> Self:
+        """Return the crystal with other balls of some kinds, by name, at the same places.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without a kind, and a ball of another diameter.
+        """
+        known = dict(zip(self.names, self.kinds, strict=True))
+        for name, ball in balls.items():
+            if name not in known:
+                raise InputError(message(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"))
+            if ball.diameter != known[name].diameter:
+                what = f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where those of "
+                why = "Only on a named lattice places follow from diameters"
+                raise InputError(message(f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"))
+        return self._derive(kinds=tuple((known | dict(balls)).values()))
+
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number or a list of numbers."""
         kept = np.ones(self.n_balls, bool)
@@ -373,7 +397,9 @@ class Crystal:
         Parameters
         ----------
         axis : the number of the vector of the cell along which layers follow each other; or the integer Miller indices of
-            their plane, one for each vector of the cell.
+            their plane, one for each vector of the cell as given, or the four of a hexagonal cell. The cells of fcc, bcc,
+            diamond and NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made
+            whole numbers, in these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
             plane touches the outer balls. One word for both, or (lower, upper).
@@ -386,57 +412,38 @@ class Crystal:
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count * self.n_balls)
-        words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
-        if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
-            raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
-        basis = _layer_basis(axis, self.periods, self.cell)
-        p, d, n = self.periods, self.dimension, self.n_balls
-        # the crystal turned: the vectors within a layer first
-        vectors = basis @ self.cell
-        inner, stack = vectors[:-1], vectors[-1]
-        turn = np.eye(d)
-        if np.any(np.abs(inner[:, p - 1 :]) > 1e-12 * np.max(np.abs(vectors))) or stack[p - 1] < 0.0:
-            q, r = np.linalg.qr(vectors[:, :p].T)
-            turn[:p, :p] = (q * np.sign(np.diag(r))).T
-        if np.linalg.det(turn) < 0.0 and p > 1:
-            basis[0], inner = -basis[0], inner * np.where(np.arange(p - 1) == 0, -1.0, 1.0)[:, None]
-            q, r = np.linalg.qr((basis @ self.cell)[:, :p].T)
-            turn[:p, :p] = (q * np.sign(np.diag(r))).T
-        vectors = basis @ self.cell @ turn.T
-        inner, stack = vectors[:-1], vectors[-1]
-        inner[:, p - 1 :] = 0.0
-        level = np.arange(count)
-        table = self.contacts
-        shift = np.rint(table.shift @ np.linalg.inv(basis)).astype(np.intp)
-        up = level[:, None] + shift[:, -1]
-        inside = (up >= 0) & (up < count)
-        layer, row = np.nonzero(inside)
+        words, layering = read_edges(edges), Layers.across(axis, self.cell)
+        p, d, n, table, turn = self.periods, self.dimension, self.n_balls, self.contacts, layering.turn
+        level, stack = np.arange(count), layering.stack
+        i, j, row, shift = layering.unfold(table.i, table.j, table.shift, n, count)
         normal, vector = table.normal @ turn.T, table.vector @ turn.T
         contacts = ContactTable(
-            read_only(layer * n + table.i[row]), read_only(up[layer, row] * n + table.j[row]), read_only(shift[row, :-1]),
-            *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
+            *map(read_only, (i, j, shift)), *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
         )  # fmt: skip
         positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
         kind, a = np.tile(self.kind, count), p - 1
         radii = np.tile(self._mean_radii, count)
         faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
-        outer = []
-        for side, word, own in ((-1.0, words[0], 0), (1.0, words[1], count - 1)):
-            top = side * positions[:, a] + radii
-            touched = np.flatnonzero(top >= top.max() - TOUCH * radii.max())
-            outer.append(own * n + np.arange(n) if word == "clamped" else touched)
+        outer = find_faces(positions[:, a], radii, words, n)
         thickness = count * abs(float(stack[a]))
         other = self._derive(
-            kind=kind, cell=inner, positions=positions, contacts=contacts,
-            faces=(*faces, _Faces(a, thickness, (words[0], words[1]), (outer[0], outer[1]))),
+            kind=kind, cell=layering.cell, positions=positions, contacts=contacts,
+            faces=(*faces, _Faces(a, thickness, words, outer)),
             deviations=None if self.deviations is None else np.tile(self.deviations, count),
         )  # fmt: skip
         other._require_joined()
         return other
 
     def _require_joined(self) -> None:
-        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp."""
+        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp, and faces have balls."""
         n, p, table = self.n_balls, self.periods, self.contacts
+        if not all(at.size for face in self.faces for at in face.balls):
+            what, why = f"no ball is left at a face of crystal {self.name!r}", "It could be neither held nor pressed there"
+            raise InputError(message(what, why, "Remove balls first, and cut then"))
+        if not self.n_contacts:
+            raise InputError(
+                message(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
+            )
         i, j, shift = [table.i], [table.j], [table.shift]
         held = [at for face in self.faces for word, at in zip(face.edges, face.balls, strict=True) if word != "free"]
         if held:  # a wall extends along all periods
@@ -505,6 +512,28 @@ class Crystal:
         """(n,) radii of the balls less those of their kinds, m."""
         return np.zeros(self.n_balls) if self.deviations is None else 0.5 * self.deviations
 
+    @property
+    def mindlin_ratios(self) -> Array:
+        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*."""
+        return np.asarray(self._constants[2])
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls of it."""
+        return any(word != "free" for face in self.faces for word in face.edges)
+
+    @property
+    def downward(self) -> Array:
+        """(d,) unit vector across the layers of what was cut, towards the face that is held; the lower one if both are.
+
+        Raises :class:`~granphon.base.errors.InputError` if no face is.
+        """
+        for face in self.faces:
+            if (held := [word != "free" for word in face.edges]) != [False, False]:
+                return np.asarray((-1.0 if held[0] else 1.0) * np.eye(self.dimension)[face.axis])
+        what = f"nothing holds crystal {self.name!r} against gravity"
+        raise InputError(message(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'))
+
     @cached_property
     def masses(self) -> Array:
         """(n,) masses, kg."""
@@ -561,7 +590,7 @@ class Crystal:
                 checked.add(id(found))
             laws.append(found)
         order = np.argsort(number, kind="stable")
-        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))
+        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
         return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
 
     @cached_property
@@ -658,12 +687,14 @@ class Crystal:
 
         Raises
         ------
-        InputError : a pressure that is not above zero (zero or above with gravity), gravity that nothing holds, or forces
-            that contacts cannot bear.
+        InputError : a pressure that is not above zero (zero or above with gravity; any if contacts adhere or are bonds),
+            gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values = finite_array("pressure", pressure)
         field = self._read_gravity(gravity)
+        if np.any(values):
+            self._require_pressable()
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
@@ -688,11 +719,7 @@ class Crystal:
     def at_overlap(
         self, overlap: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
     ) -> CrystalState:
-        """Return the state at rest under that hydrostatic pressure at which contacts have the mean ``overlap``, m.
-
-        The mean is that over the contacts that carry a load, of balls that differ in diameter that over all contacts.
-        ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
-        """
+        """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`, ``gravity`` too."""
         return self._at_mean("overlap", overlap, gravity, finite_overlap)
 
     def at_stress(
@@ -724,7 +751,7 @@ class Crystal:
             still = np.zeros(len(force), bool)
             unit = ("", "N", "N/m", "Pa")[self.periods]
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
-            return Push(force, still, np.zeros(len(force)), one, pressed, words)
+            return Push(force, still, np.zeros(len(force)), one, pressed, words, self._tell_lift(field))
 
         return self._solve_each(values, push, finite_overlap, 2)
 
@@ -736,16 +763,18 @@ class Crystal:
         Parameters
         ----------
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,) for xx, yy, zz, 2yz,
-        2xz,
-            2xy; or an array of these. It is measured from the cell in which balls only touch.
+            2xz, 2xy; or an array of these. It is measured from the cell in which balls only touch.
         gravity, finite_overlap : see :meth:`at_stress`.
 
         Raises
         ------
-        InputError : an array of another shape; a strain that opens all contacts.
+        InputError : an array of another shape; a strain that opens all contacts, or shortens a period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values = self._read_tensor("strain", strain, 0.5)
+        if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
+            what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
+            raise InputError(message(what, "Nothing would be left of it", "Give a strain above -1"))
         field = self._read_gravity(gravity)
 
         def push(one: Array) -> Push:
@@ -810,6 +839,22 @@ class Crystal:
             out[: frame.n_free] = (self.masses[free, None] * field).ravel()
         return out
 
+    def _tell_lift(self, field: Array | None) -> tuple[str, str] | None:
+        """Say, as a reason and what mends it, that gravity acts away from what the balls stand on; None if it does not."""
+        if field is None:
+            return None
+        for face in self.faces:
+            low, high = face.edges
+            way = field[face.axis] if low != "free" else -field[face.axis]
+            if way > 0.0 and (low, high) != ("clamped", "clamped"):
+                others = math.prod(one.thickness for one in self.faces if one is not face)
+                weight = float(np.sum(self.masses[self._frame[1] >= 0])) * way / (self.measure * others)
+                unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
+                word, sign = (low, "") if low != "free" else (high, "-")
+                why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
+                return why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
+        return None
+
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         frame, place, _ = self._frame
         force = self._weigh(field)
@@ -837,11 +882,12 @@ class Crystal:
             words += f" {unit} with gravity"
         else:
             words += f" {unit}"
-        return Push(force + pressed, held, given, stress, pressed, words)
+        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field))
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
         given, field = finite_array(kind, values), self._read_gravity(gravity)
+        self._require_pressable()
         if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
             why, mend = "One-sided contacts carry no tension", f"Give {kind} above zero"
@@ -855,6 +901,10 @@ class Crystal:
             each = [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()]
             return self._stack(given, each, 0, follows)
 
+    def _require_pressable(self) -> None:
+        if not (self.periods or self.faces):
+            raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
+
     def _find_mean(
         self, kind: str, goal: float, field: Array | None, follows: bool, frame: Frame, springs: Springs
     ) -> tuple[Rest, Push]:
@@ -865,8 +915,6 @@ class Crystal:
         # the pressure of a contact force, from the virial; of a column, that force
         area = frame.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
-        if not dimension:
-            raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
         pressure = size * float(np.sum(frame.distance)) / (dimension * area)
         low, high = 0.0, math.inf
         start: Rest | None = None
@@ -881,12 +929,16 @@ class Crystal:
             loaded = (force != 0.0) | differ
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
-            if abs(off) <= enough or (abs(off) <= 1e-13 and abs(off) >= last):
+            stiffness = springs.stiffness(rest.overlap)
+            rounded = 1e-13
+            if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
+                parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
+                rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
+            if abs(off) <= enough or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
             # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
-            stiffness = springs.stiffness(rest.overlap)
             power = float(np.mean(force[loaded]) / np.mean((stiffness * rest.overlap)[loaded]))
             grow = goal / mean if mean / goal > 0.0 else 2.0
             new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
@@ -899,6 +951,8 @@ class Crystal:
             start = Rest(factor * small.x, factor * small.overlap, small.normal)
             pressure = new if low < new < high else 0.5 * (low + min(high, 2.0 * pressure))
             if pressure in (low, high):
+                if abs(off) <= rounded:
+                    return rest, push
                 break
         what = f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any pressure"
         why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + (
@@ -997,6 +1051,8 @@ class CrystalState:
             raise InputError(message("the state has one load, and no index", mend="Use it as it is"))
         count, axes = int(np.prod(self.shape)), len(self.shape)
         where = np.arange(count).reshape(self.shape)[index]
+        if not np.size(where):
+            raise InputError(message(f"the index {brief(index)} selects none of the loads", mend="Select one or more"))
         chosen: dict[str, Any] = {}
         for name in _PER_LOAD:
             array = getattr(self, name)
@@ -1080,24 +1136,32 @@ class CrystalState:
             )
 
     @cached_property
-    def _checks(self) -> list[tuple[str, str, Array]]:
-        """What limits the state: a reason, where it is, and whether it is met at each load."""
+    def limits(self) -> list[tuple[str, Array, float, bool, str]]:
+        """What limits the state: name, value at each load, limit, whether that is a lower one, and what is said beyond it.
+
+        They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
+        pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
+        """
         crystal, table = self.crystal, self.crystal.contacts
         small = np.concatenate(
             [np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[at] for _, _, at in crystal._floors)]
         )
         ratio = np.max(self.contact_radius / small, axis=-1)
-        out = [
-            (
-                f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
-                f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot",
-                "contact_radius", np.asarray(ratio <= MOST_CONTACT_RADIUS),
-            )
-        ]  # fmt: skip
-        over = np.all(self.overlap <= crystal._springs.most, axis=-1)
-        out.append(
-            ("an overlap is beyond the table of its contact law, which goes on as a power", "table", np.asarray(over))
+        said = (
+            f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
+            f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot"
         )
+        out = [("contact_radius", np.asarray(ratio), MOST_CONTACT_RADIUS, False, said)]
+        if np.any(np.isfinite(crystal._springs.most)):
+            over = np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
+            said = "an overlap is beyond the table of its contact law, which goes on as a power"
+            out.append(("table", np.asarray(over), 1.0, False, said))
+        for name, (attribute, what, unit, limit, at_least) in BALL_LIMITS.items():
+            for ball, called in zip(crystal.kinds, crystal.names, strict=True):
+                value = attrgetter(attribute)(ball)
+                if (value < limit) if at_least else (value > limit):
+                    said = f"the {what} of ball {called} is {value:.4g} {unit}, {'less' if at_least else 'more'} than"
+                    out.append((name, np.full(self.shape, value), limit, at_least, f"{said} {limit:g} {unit}: {WRONG_UNIT}"))
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
@@ -1108,7 +1172,7 @@ class CrystalState:
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             part = np.max(mean / weak, axis=-1)
             said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
-            out.append((f"{said}: it yields from {_YIELD} on", "yield", np.asarray(part <= _YIELD)))
+            out.append(("yield", np.asarray(part), _YIELD, False, f"{said}: it yields from {_YIELD} on"))
         return out
 
     @property
@@ -1116,22 +1180,26 @@ class CrystalState:
         """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
 
         The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
-        yield strength, if that is given, and the overlap within the table of a tabulated law.
+        yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
+        modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
-        met = np.all([fine for _, _, fine in self._checks], axis=0)
+        met = np.all([value >= limit if least else value <= limit for _, value, limit, least, _ in self.limits], axis=0)
         return bool(met) if self.is_single else np.asarray(met)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the state, in words; empty if nothing is."""
-        return tuple(said for said, _, fine in self._checks if not np.all(fine))
+        return tuple(
+            said for _, value, limit, least, said in self.limits if np.any(value < limit if least else value > limit)
+        )
 
     @cached_property
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
-        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Raises
-        :class:`~granphon.base.errors.InputError` for several loads.
+        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Its
+        ``kinds`` are the names of the crystal, and "floor". Raises :class:`~granphon.base.errors.InputError` for several
+        loads.
         """
         self._require_single()
         crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
@@ -1179,7 +1247,8 @@ class CrystalState:
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
             motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
-            adhesive=crystal._springs.adhere, **own,
+            adhesive=crystal._springs.adhere,
+            kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
         )  # fmt: skip
 
 
@@ -1202,6 +1271,12 @@ def _in_double_precision(values: Array) -> Iterator[None]:
 
 def _both(face: _Faces, change: Any) -> tuple[Index, Index]:
     return read_only(change(face.balls[0])), read_only(change(face.balls[1]))
+
+
+def _list_balls(balls: Any) -> list[Any]:
+    if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
+        raise InputError(message(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball"))
+    return [balls] if isinstance(balls, Ball) else list(balls)
 
 
 def _find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
@@ -1236,6 +1311,20 @@ def _name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) 
     return found
 
 
+def _require_fit(balls: Sequence[Ball], cell: Array, name: str) -> None:
+    """Raise :class:`InputError` if the larger of two balls of a cell touch each other before they touch the smaller."""
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(cell)), axis=-1).reshape(-1, len(cell))
+    apart = float(np.min(np.linalg.norm(steps[np.any(steps, axis=1)] @ cell, axis=1)))
+    small, large = sorted(balls, key=lambda ball: ball.diameter)
+    if apart >= large.diameter * (1.0 - TOUCH):
+        return
+    least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / apart) - large.diameter
+    which = f"ball {small.name or 'AB'[balls.index(small)]} of {small.diameter:g} m is too small for its site in {name}"
+    why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the diameters is"
+    why += f" {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
+    raise InputError(message(which, why, f"Give it a diameter of {least:.6g} m or more"))
+
+
 def _find_structure(name: str | Lattice) -> Lattice:
     """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
     key = name.lower() if isinstance(name, str) else ""
@@ -1250,42 +1339,3 @@ def _find_structure(name: str | Lattice) -> Lattice:
         return find_lattice(name)
     mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
     raise InputError(message(f"unknown lattice {brief(name)}", mend=mend))
-
-
-def _layer_basis(axis: Any, periods: int, cell: Array) -> NDArray[np.intp]:
-    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
-    if not periods:
-        raise InputError(message("the crystal has no period across which it could be cut"))
-    whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
-    basis = np.eye(periods, dtype=np.intp)
-    if whole and 0 <= axis < periods:
-        return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
-    given = np.asarray(axis)
-    if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > 100:
-        what = f"axis is {brief(axis)}"
-        indices = counted(periods, "Miller index", "Miller indices")
-        raise InputError(message(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"))
-    # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
-    value = (given // np.gcd.reduce(given)).astype(np.intp)
-    while np.count_nonzero(value) > 1:
-        least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
-        for other in np.flatnonzero(value):
-            if other != least:
-                times = int(np.rint(value[other] / value[least]))
-                value[other] -= times * value[least]
-                basis[other] -= times * basis[least]
-    last = int(np.flatnonzero(value)[0])
-    stack = basis[last] * int(np.sign(value[last]))
-    inner = np.delete(basis, last, axis=0)
-    # the shortest vectors within the plane, and the most upright one across it
-    for _ in range(100):
-        before = inner.copy()
-        if len(inner) == 2:
-            inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
-            short = inner[0] @ cell
-            inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
-        if np.array_equal(before, inner):
-            break
-    if len(inner):
-        stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
-    return np.concatenate([inner, stack[None]])

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
-from granphon.balls.contact_laws import PairLaw
+from granphon.balls.contact_laws import PairLaw, opening_overlap
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 
 Array = NDArray[np.float64]
@@ -62,6 +62,8 @@ _ROUNDING = 1e-12
 _MOST_FACTORISED, _MOST_DIRECT = (4_000_000, 1_000_000, 12_000), 2_000
 #: most iterations of conjugate gradients with the factors of an earlier step
 _PATIENCE = 30
+#: mean force, over that before the balls have moved, at which nothing is left of it
+_RELAXED = 1e-12
 #: what rounding leaves of the forces on a ball, over their size
 _ROUNDED = 4e-16
 #: most iterations of conjugate gradients in one step
@@ -79,9 +81,14 @@ class Springs:
         self.most = np.full(count, np.inf)
         self.tension = np.zeros(count)
         for law, contacts in groups:
-            self.least[contacts] = least = float(getattr(law, "least_overlap", 0.0))
+            self.least[contacts] = least = opening_overlap(law)
             self.most[contacts] = float(getattr(law, "most_overlap", math.inf))
-            self.tension[contacts] = -min(float(np.asarray(law.force(least))), 0.0)
+            self.tension[contacts] = math.inf if least == -math.inf else -min(float(np.asarray(law.force(least))), 0.0)
+
+    @property
+    def adhesion(self) -> Array:
+        """The tension that contacts bear before they open, N; zero of a bond, which has no such scale."""
+        return np.where(np.isinf(self.tension), 0.0, self.tension)
 
     @property
     def adhere(self) -> bool:
@@ -91,10 +98,10 @@ class Springs:
     def size(self, force: Array) -> float:
         """Return the size of forces by which residuals are measured: the mean of those that are not zero, N.
 
-        It is the tension that contacts can bear, if that is larger; zero if all contacts are open.
+        It is the tension that contacts can bear, if that is larger; zero if all contacts are open, or at rest as bonds.
         """
         loaded = np.abs(force[force != 0.0])
-        return max(float(np.mean(loaded)) if loaded.size else 0.0, float(np.mean(self.tension)))
+        return max(float(np.mean(loaded)) if loaded.size else 0.0, float(np.mean(self.adhesion)))
 
     def _find(self, name: str, values: Array) -> Array:
         out = np.empty(self.count)
@@ -217,7 +224,8 @@ class Push:
     """A load: forces (N,) on the unknowns, and which of these (N,) have a given value, in ``given`` (N,).
 
     ``stress`` (p, p) is that of the periods, in the true geometry; ``pressed`` are the forces that grow with the area of the
-    cell. ``words`` is what messages call the load.
+    cell. ``words`` is what messages call the load, and ``lifted`` (why, mend) what they say if gravity acts away from what
+    the crystal stands on.
     """
 
     force: Array
@@ -226,6 +234,7 @@ class Push:
     stress: Array | None
     pressed: Array
     words: str
+    lifted: tuple[str, str] | None = None
 
 
 def typical_force(frame: Frame, push: Push, springs: Springs) -> float:
@@ -233,11 +242,13 @@ def typical_force(frame: Frame, push: Push, springs: Springs) -> float:
     virial = float(np.sum(frame.distance))
     if push.stress is not None and frame.periods and (pull := float(np.trace(push.stress))) < 0.0:
         return -pull * frame.measure / virial
+    if push.stress is not None and np.any(push.stress) and np.any(np.isinf(springs.tension)):  # bonds pull as well
+        return float(np.linalg.norm(push.stress)) * frame.measure / virial
     sizes = np.abs(push.force[: frame.n_free])
     largest = max(float(np.sum(sizes)) / max(len(frame.vector) ** 0.5, 1.0), float(np.max(sizes, initial=0.0)))
     walls = np.abs(push.force[frame.strains.stop :]) / np.array(frame.walls)
     largest = max(largest, float(np.max(walls, initial=0.0)))
-    return largest or float(np.max(springs.tension))
+    return largest or float(np.max(springs.adhesion))
 
 
 def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None) -> Rest:
@@ -260,14 +271,19 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
         if not np.any(size):
             if np.any(push.force):
                 raise _explain(frame, springs, push)
+            if np.any(springs.stiffness(overlap) > 0.0):  # bonds
+                return Rest(x, overlap, frame.vector / frame.distance[:, None])
             raise InputError(message(f"{push.words} presses nothing", "Contacts have no stiffness without a force"))
-        at = springs.overlap(size)
+        with np.errstate(all="ignore"):
+            while not np.all(np.isfinite(at := springs.overlap(size))) and size[0] > 1e-300:
+                size = 0.5 * size  # a law may have a largest force
         stiffness = springs.stiffness(at)
         x = system.solve(stiffness, push.force - press.T @ (size + stiffness * (frame.offset - at)), 1e-3, float(size[0]))
         overlap = frame.offset + np.asarray(press @ x)
     x, overlap, residual = _descend(frame, springs, push, system, x, overlap)
-    if not springs.adhere:
-        overlap = np.where(np.abs(overlap) <= _ROUNDING * np.max(overlap), 0.0, overlap)
+    if not springs.adhere or np.any(np.isinf(springs.tension)):
+        rounded = (np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap))) & (springs.tension == 0.0)
+        overlap = np.where(rounded, 0.0, overlap)
     rest = Rest(x, overlap, frame.vector / frame.distance[:, None], residual)
     return replace(rest, overlap=_open_light(springs, rest)) if np.any(frame.offset) and not springs.adhere else rest
 
@@ -277,11 +293,13 @@ def _descend(
 ) -> tuple[Array, Array, float]:
     """Newton's method on the energy at small overlap: return unknowns, overlaps and the residual."""
     press, free = frame.press, ~push.held
-    best, stalled, kept = math.inf, 0, (x, overlap)
+    best, stalled, kept, first = math.inf, 0, (x, overlap), 0.0
     for _ in range(_STEPS):
         force = springs.force(overlap)
         mean = springs.size(force)
-        if not mean:
+        first = first or mean
+        # under a strain alone balls may move aside until none is pressed
+        if not mean or (mean < _RELAXED * first and not np.any(push.force)):
             raise _explain(frame, springs, push, opened=True)
         pull = np.where(free, push.force - press.T @ force, 0.0)
         residual = float(np.max(np.abs(pull) * frame.weights, initial=0.0)) / mean
@@ -489,7 +507,10 @@ class _Configuration:
         self.press = frame.along(normal)
         self.pull = np.where(push.held, 0.0, wanted - self.press.T @ self.force)
         self.residual = float(np.max(np.abs(self.pull) * frame.weights, initial=0.0)) / self.mean if self.mean else math.inf
-        self.is_sound = bool(self.mean and self.area > 0.0 and np.all(np.isfinite(x)) and np.all(r > 0.0))
+        #: whether balls are apart and touch some others, and the cell is not inside out
+        self.is_sound = bool(self.mean and np.all(np.isfinite(x)) and np.all(r > 0.0)) and (
+            not p or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
+        )
 
 
 def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> Rest:
@@ -497,13 +518,15 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
 
     Where radii differ, contacts open and balls that they held lean on others: a step of Newton's method that leaves more
     force than there was is replaced by one of the matrix in which forces push balls back instead of aside (-f/r has the
-    other sign), with a line search, as the energy falls along it. Where balls are at rest and the energy is not least, they go
-    downhill along the softest motion, and on from there.
+    other sign), with a line search, as the energy falls along it. Where balls are at rest but the energy is not
+    least, they go downhill along the softest motion.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it.
     """
     from scipy.sparse import coo_array
 
+    if not (np.any(start.overlap) or np.any(push.force)):
+        return start  # bonds without a load
     d, n_c, differ = frame.dimension, len(frame.vector), bool(np.any(frame.offset))
     best, stalled, kept, saddles = math.inf, 0, start, 0
     places = np.arange(n_c * d).reshape(n_c, d)
@@ -581,7 +604,7 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
                 return kept if springs.adhere else replace(kept, overlap=_open_light(springs, kept))
             here, best, stalled, saddles = down, math.inf, 0, saddles + 1
             continue
-        if stalled > (_PATIENT if differ else 20):
+        if stalled > (_PATIENT if differ else 20) or not np.any(springs.stiffness(here.overlap)):
             break
         step = find_step(here, 1.0)
         there = _Configuration(frame, springs, push, here.x + step)
@@ -666,16 +689,25 @@ def _explain(
             if found.status == 0:
                 needed = found.x[-1] * size / frame.measure
                 unit = ("N", "N/m", "Pa")[frame.periods - 1]
-                mend = f"A pressure of {needed:.4g} {unit} from all sides in addition would do"
+                presses = np.max(np.abs(found.x[:-1])) > 1e-9 * found.x[-1]  # or else it only takes the load off
+                mend = f"A pressure {'of' if presses else 'above'} {needed:.4g} {unit} from all sides in addition would do"
     if not borne:
         what = f"the crystal cannot bear {push.words}"
         why = "Contacts only push along the lines of their centres, and no such forces add up to it"
         if springs.adhere:
             why = "No forces along the lines of the centres, up to the tension that contacts bear, add up to it"
-        return InputError(message(what, why, mend or "Press the crystal from the sides too, or give another load"))
+        mend = mend or "Press the crystal from the sides too, or give another load"
+        return InputError(message(what, *(push.lifted or (why, mend))))
     if opened:
         return InputError(
             message(f"all contacts are open under {push.words}", "Balls that do not touch have no stiffness", "Press them")
         )
+    size = typical_force(frame, push, springs)
+    with np.errstate(all="ignore"):
+        reached = np.all(np.isfinite(springs.overlap(np.full(springs.count, size))))
+    if not reached:
+        why = f"They are about {size:.4g} N, and the law has no overlap at that force"
+        mend = "Lower the load, or give a law whose force grows on"
+        return InputError(message(f"a contact law does not reach the forces under {push.words}", why, mend))
     left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
     return ConvergenceError(message(f"the crystal has not come to rest under {push.words}", left))

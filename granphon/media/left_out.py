@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.geometry import LARGEST_RATIO
+from granphon.balls.hertz import force_of, overlap_of
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -64,11 +65,11 @@ def estimate_spacing(packing: Packing, load: Load) -> Array:
 
 def find_spacing(packing: Packing, force: Array) -> Array:
     """Return the approximate a* of reduced forces."""
-    hertz = 0.5 + force ** (2.0 / 3.0)
+    alike = np.asarray(0.5 + overlap_of(force))
     if packing.structure.periods not in _CURVES:
-        return hertz
+        return alike
     known, forces = _CURVES[packing.structure.periods]
-    return np.where(force > forces[-1], hertz, np.interp(force, forces, known))
+    return np.where(force > forces[-1], alike, np.interp(force, forces, known))
 
 
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
@@ -76,12 +77,12 @@ def estimate_reduced_force(packing: Packing, load: Load) -> Array:
     reduced = np.ravel(reduce_load(packing, load))
     if load.kind != "overlap":
         return reduced
-    hertz = np.asarray(np.maximum(reduced - 0.5, 0.0) ** 1.5)
+    alike = np.asarray(force_of(reduced - 0.5))
     if packing.structure.periods not in _CURVES:
-        return hertz
+        return alike
     known, forces = _CURVES[packing.structure.periods]
     near = np.exp(np.interp(np.log(np.maximum(reduced, known[0])), np.log(known), np.log(forces)))
-    return np.where(reduced > known[-1], hertz, near)
+    return np.where(reduced > known[-1], alike, near)
 
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:

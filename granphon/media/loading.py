@@ -14,6 +14,7 @@ from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
+from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.friction_history import FrictionHistory
@@ -111,8 +112,8 @@ class LoadedSample:
         assert mu is not None
         stored = 0.0  # mean energy of a contact at the start, in units of c W^(5/2); at the gas contacts begin
         if isinstance(start, ReducedLoad):
-            overlap = start.force ** (2.0 / 3.0) if start.overlap is None else max(start.overlap, 0.0)
-            stored = float(0.4 * overlap**2.5)
+            overlap = overlap_of(start.force) if start.overlap is None else max(start.overlap, 0.0)
+            stored = float(energy_of(force_of(overlap), overlap))
         for load in path:
             rest = equilibrate(self.deviations, load, smooth)
             state = LoadingHistory(self.deviations, stencils, mu, start=rest).begin()

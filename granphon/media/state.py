@@ -102,6 +102,11 @@ class State(ABC):
         """Name of the lattice, in messages."""
 
     @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls of the cell, (n,); empty if they are not known."""
+        return ()
+
+    @property
     @abstractmethod
     def shape(self) -> tuple[int, ...]:
         """Shape of the load; () for a single one."""
@@ -171,6 +176,11 @@ class State(ABC):
     def is_single(self) -> bool:
         """Whether this is the state at one load."""
         return self.shape == ()
+
+    @property
+    def is_held(self) -> bool:
+        """Whether bodies that do not move hold the balls, so that there are no long waves."""
+        return False
 
     @property
     def is_isotropic(self) -> bool:

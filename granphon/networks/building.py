@@ -58,6 +58,7 @@ class Balls:
     inertias: Array | None = None
     labels: Index | None = None
     rounding: float | None = None
+    kinds: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -274,6 +275,7 @@ class Source:
             "cell": cell, "pbc": tuple(pbc.tolist()), "positions": positions, "radii": balls.radii, "masses": masses,
             "inertias": inertias, **found, "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
             "dimension": dimension, "prestress": prestress, "left_out": self.left_out, "labels": balls.labels,
+            "kinds": balls.kinds,
         }  # fmt: skip
 
 

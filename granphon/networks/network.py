@@ -15,13 +15,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.ball import RIGID_PLANE
+from granphon.balls.contact_table import require_joined
 from granphon.balls.lattices import Lattice
+from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
-from granphon.base.validation import lengths, real_array, require, truth, whole_number
+from granphon.base.text import counted
+from granphon.base.validation import label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]
@@ -83,6 +87,7 @@ class ContactNetwork(Result):
     lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
         cells, ball by ball of each cell; None for a network of another kind.
     adhesive : whether contacts may pull; tables of such a network are not read again.
+    kinds : (n,) names of the kinds of the balls, by which pictures and files tell them apart; None if they are not known.
 
     Raises
     ------
@@ -100,7 +105,7 @@ class ContactNetwork(Result):
         "cell": "3 3", "positions": "n 3", "radii": "n", "masses": "n", "inertias": "n", "i": "c", "j": "c", "shift": "c 3",
         "normal": "c 3", "normal_force": "c", "normal_stiffness": "c", "shear_stiffness": "c", "torsion_stiffness": "c",
         "bending_stiffness": "c", "arm_i": "c", "arm_j": "c", "labels": "n?",
-        "tangential_force": "c 3?",
+        "tangential_force": "c 3?", "kinds": "n?",
     }  # fmt: skip
 
     cell: Array
@@ -129,6 +134,7 @@ class ContactNetwork(Result):
     shape: tuple[int, ...] | None = None
     tangential_force: Array | None = None
     adhesive: bool = False
+    kinds: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         plain: Any = self.pbc.tolist() if isinstance(self.pbc, np.ndarray) else self.pbc
@@ -141,9 +147,13 @@ class ContactNetwork(Result):
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
+        if self.kinds is not None:
+            given["kinds"] = require("kinds", text_list, self.kinds)
+            for name in dict.fromkeys(given["kinds"]):
+                require("the name of a kind", label, name)
         for name, layout in self._shapes.items():
             values = getattr(self, name)
-            if not (values is None and layout.endswith("?")):
+            if name != "kinds" and not (values is None and layout.endswith("?")):
                 given[name] = read_only((read_whole_numbers if name in _WHOLE else real_array)(name, values))
         if given["cell"].shape == (3, 3):  # a vector along which nothing repeats has no meaning
             given["cell"] = read_only(np.where(np.array(given["pbc"])[:, None], given["cell"], 0.0))
@@ -352,6 +362,7 @@ class ContactNetwork(Result):
         fields: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)}
         fields |= {name: getattr(self, name)[among] for name in self.contact_fields}
         fields |= {"i": i[among], "j": j[among], "labels": names[chosen], "lattice": None, "shape": None}
+        fields["kinds"] = self.kinds and tuple(map(self.kinds.__getitem__, chosen.tolist()))
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
@@ -399,9 +410,123 @@ class ContactNetwork(Result):
         return replace(
             self, cell=self.cell * full[:, None],
             positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
-            left_out=self.left_out * count, labels=None, **contacts,
+            left_out=self.left_out * count, labels=None, kinds=self.kinds and self.kinds * count, **contacts,
             # balls of many arrays side by side are not in the order of the cells of one
             **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
+        )  # fmt: skip
+
+    def layers_across(self, axis: Any) -> Layers:
+        """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for another axis."""
+        cell = self.cell[np.flatnonzero(self.pbc), : self.dimension]
+        level = find_axes(cell) if len(cell) else np.eye(self.dimension)
+        found = Layers.across(axis, cell @ level.T)
+        return replace(found, turn=found.turn @ level)
+
+    def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
+        """Return so many layers of the network, which no longer repeat across them: a strip, slab, column or flake.
+
+        Contacts have the stiffness of the bulk: a cut says what waves do at an edge, not how the edge came to rest.
+
+        Parameters
+        ----------
+        axis : the number, among the periods, of the vector along which layers follow each other; or the integer Miller
+            indices of their plane, one for each period.
+        layers : their number, in cells.
+        edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not move; "floor", a rigid
+            plane touches the outer balls, with the mean stiffness of the contacts that each of them has lost there, and
+            their force across the edge. One word for both, or (lower, upper).
+
+        The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
+        from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
+        along x or in the xy plane.
+
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that some contacts
+        reach across all of them, if layers do not hang together, and if no ball is left that moves, or one that a clamp
+        holds touches none of those.
+        """
+        count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
+        periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
+        cut, stack = self.layers_across(axis), np.zeros(3)
+        turn, p, stack[:d] = cut.turn_space(), len(cut.cell), cut.stack
+        _, rise = cut.split(self.shift[:, periods])
+        if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
+            what = f"some contacts reach across {counted(count, 'layer')}"
+            raise InputError(message(what, "None of them would be left", f"Give {reach + 1} layers or more"))
+        i, j, row, inner = cut.unfold(self.i, self.j, self.shift[:, periods], n, count)
+        balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
+        balls["positions"] = ((self.positions @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
+        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n)
+        contacts: dict[str, Any] = {name: getattr(self, name)[row] for name in self.contact_fields}
+        contacts |= {name: contacts[name] @ turn.T for name in ("normal", "tangential_force") if name in contacts}
+        contacts |= {"i": i, "j": j, "shift": np.pad(inner, ((0, 0), (0, 3 - p)))}
+        # what each ball of a layer has lost at a face: contacts, as seen from it, that lead out through the face
+        total = n * count
+        for side, word, at in zip((-1.0, 1.0), words, faces, strict=True):
+            if word == "clamped":
+                balls["masses"][at] = np.inf
+            if word != "floor":
+                continue
+            toward = self.normal @ turn.T[:, p]
+            own, lost = [], []
+            for ball, up, sign in ((self.i, rise, 1.0), (self.j, -rise, -1.0)):
+                out = np.flatnonzero(side * up > 0)
+                # the ball is so deep below the face that the other end of the contact is outside
+                deep = [out[np.abs(up[out]) > depth] for depth in range(reach)]
+                own += [ball[one] + n * (depth if side < 0.0 else count - 1 - depth) for depth, one in enumerate(deep)]
+                lost += [np.stack([one, np.full(len(one), int(sign))]) for one in deep]
+            ball, (which, sign) = np.concatenate(own), np.concatenate(lost, axis=1)
+            spare = np.setdiff1d(at, ball)
+            if spare.size:
+                what = f"ball {spare[0]} of the {'lower' if side < 0.0 else 'upper'} face has lost no contact there"
+                raise InputError(message(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it"))
+            place = np.full(total, len(at))
+            place[at] = np.arange(len(at))
+            kept = place[ball] < len(at)
+            place, which, sign = place[ball][kept], which[kept], sign[kept]
+            share, m = np.bincount(place), len(at)
+            wall: dict[str, Any] = {
+                name: np.bincount(place, getattr(self, name)[which]) / share
+                for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+            }
+            wall["normal_force"] = np.bincount(place, self.normal_force[which] * sign * side * toward[which])
+            normal = np.zeros((m, 3))
+            normal[:, p] = side
+            arm = np.where(sign > 0.0, self.arm_i[which], self.arm_j[which])
+            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "shift": np.zeros((m, 3), np.intp), "normal": normal}
+            wall |= {"arm_i": np.bincount(place, arm) / share, "arm_j": np.zeros(m)}
+            if "tangential_force" in contacts:
+                wall["tangential_force"] = np.zeros((m, 3))
+            contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
+            spot = np.zeros(3)
+            spot[p] = np.mean(balls["positions"][at, p] + side * balls["radii"][at])
+            balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
+            balls["positions"] = np.concatenate([balls["positions"], spot[None]])
+        still = np.isinf(balls["masses"])
+        live = ~(still[contacts["i"]] & still[contacts["j"]])
+        contacts = {name: values[live] for name, values in contacts.items()}
+        if np.all(still):
+            raise InputError(
+                message(f"no ball moves in {counted(count, 'layer')} with these edges", mend="Give more layers")
+            )
+        i, j, inner = (contacts[name] for name in ("i", "j", "shift"))
+        for word, at in zip(words, faces, strict=True):
+            if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
+                raise InputError(message("the clamped balls of an edge touch none that moves", mend="Give more layers"))
+        # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
+        name = np.where(still, np.count_nonzero(~still), np.cumsum(~still) - 1)
+        size = int(np.count_nonzero(~still))
+        ends, held = (name[i], name[j]), bool(np.any(still))
+        rings = np.eye(p, dtype=np.intp) if held else np.zeros((0, p), np.intp)
+        require_joined(
+            np.append(ends[0], np.full(len(rings), size)), np.append(ends[1], np.full(len(rings), size)),
+            np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network", mend="Give more layers",
+        )  # fmt: skip
+        cell = np.zeros((3, 3))
+        cell[:p, :d] = cut.cell
+        floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)
+        return replace(
+            self, cell=cell, pbc=(p > 0, p > 1, False), **balls, **contacts, left_out=self.left_out * count, labels=None,
+            lattice=None, shape=None, kinds=self.kinds and self.kinds * count + floors,
         )  # fmt: skip
 
     @classmethod
@@ -416,8 +541,9 @@ class ContactNetwork(Result):
         Each table is the path of a CSV file whose headings have units, such as ``radius (mm)``; or
         arrays in SI under the same names without units: a mapping, a structured array or a data frame. Balls have ``x``,
         ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line), ``radius`` or ``diameter``; ``mass`` if there is no
-        material; and, if need be, ``inertia`` (default: a solid sphere) and ``id``, the whole numbers that name them
-        (default: 0, 1, 2, ...). Contacts have ``i`` and ``j``, which name two balls, and if need be ``normal_force``
+        material; and, if need be, ``inertia`` (default: a solid sphere), ``id``, the whole numbers that name them
+        (default: 0, 1, 2, ...), and ``kind``, names of their kinds. Contacts have ``i`` and ``j``, which name two balls, and
+        if need be ``normal_force``
         (default: Hertz's at the overlap of the two balls), ``normal_stiffness`` and ``shear_stiffness`` (default: those of
         Hertz and Mindlin under this force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``,
         ``nz`` (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less half the overlap),
@@ -527,7 +653,16 @@ def given_network(source: Any) -> ContactNetwork:
     if isinstance(found, ContactNetwork):
         return found
     mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
+    refuse_unpressed(source)
     raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
+
+
+def refuse_unpressed(source: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be pressed first."""
+    if hasattr(source, "at_force") and not isinstance(source, type):
+        name = "crystal" if hasattr(source, "cut") else "medium"
+        mend = f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods at_..."
+        raise InputError(message(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend))
 
 
 # -- what it must be ---------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,7 @@ _ROLLING = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
 BALLS: Mapping[str, Quantity | None] = {
     "id": None, "x": _PLACE, "y": _PLACE, "z": _PLACE, "radius": LENGTH, "diameter": LENGTH,
     "mass": Quantity("mass", "kg", "2 g", "kg, g, mg"),
-    "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"),
+    "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"), "kind": None,
 }  # fmt: skip
 CONTACTS: Mapping[str, Quantity | None] = {
     "i": None, "j": None, "shift_1": None, "shift_2": None, "shift_3": None, "nx": None, "ny": None, "nz": None,
@@ -89,9 +90,16 @@ class _Columns:
         self._headings = [str(heading) for heading in (table.headings if table is not None else there)]
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
+        self.kinds: tuple[str, ...] | None = None
         for name, kind in known.items():
             wanted = columns.get(name, name)
-            if table is not None and wanted in table:
+            if name == "kind":  # the only column of names, which may be numbers
+                if table is not None and wanted in table:
+                    cells = table.columns[keys.index(Heading.parse(wanted).key)]
+                    self.kinds = tuple(map(sys.intern, cells))
+                elif wanted in arrays:
+                    self.kinds = tuple(map(str, np.asarray(arrays[wanted]).ravel().tolist()))
+            elif table is not None and wanted in table:
                 self._values[name], self._units[name] = _read_cells(table, name, wanted, kind), table.unit(wanted)
             elif wanted in arrays:
                 unit = Heading.parse(wanted).unit
@@ -211,7 +219,9 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
     positions = of_balls.vectors(*_AXES)
     assert positions is not None
     labels = of_balls.whole("id") if "id" in of_balls else None
-    found = Balls(of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels)
+    found = Balls(
+        of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels, kinds=of_balls.kinds
+    )
     of_contacts.require("i", "j")
     i, j, steps = (
         of_contacts.whole("i"),
@@ -236,6 +246,7 @@ def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], conta
     of_balls = {
         **({} if names is None else {"id": names}), **dict(zip(_AXES, fields["positions"].T, strict=True)),
         "radius": fields["radii"], "mass": fields["masses"], "inertia": fields["inertias"],
+        **({} if fields["kinds"] is None else {"kind": np.array(fields["kinds"])}),
     }  # fmt: skip
     steps = zip(("shift_1", "shift_2", "shift_3"), fields["shift"].T, strict=True)
     of_contacts = {

@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError
+from granphon.media.arrangement import Balls
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
@@ -215,6 +215,8 @@ _OBSERVABLES = (
         "pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_find_pressure,
         per_dimension="pressure",
     ),
+    Observable("stress", "N/m", "size of the stress: its largest component", per_dimension="pressure", cost="packing"),
+    Observable("strain", "1", "size of the strain: its largest component", cost="packing"),
     _make_state_entry("relative_overlap", "overlap over the mean diameter"),
     _make_state_entry("effective_density", f"density {_LAYER}", per_dimension="effective_density"),
     _make_state_entry("reduced_force", "reduced force f*: the force over that at an overlap of the width", label="Force f*"),
@@ -341,6 +343,7 @@ _OBSERVABLES = (
         "frequencies", "Hz", "frequencies of the branches, in ascending order", cost="bands",
         dims=("segment", "point", "branch"),
     ),
+    Observable("gaps", "Hz", "intervals from zero to the top frequency without a branch", cost="bands", swept=False),
     Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
 )  # fmt: skip
 #: every observable and every parameter of a sweep by its name, in the order in which files store them
@@ -349,6 +352,8 @@ CATALOGUE: dict[str, Observable] = {one.name: one for one in _OBSERVABLES} | {
 }
 
 
+#: what parameters are called of a kind of ball
+_OF_KINDS = {"diameter": "diameter", "mass": "mass", "density": "density", "young_modulus": "Young modulus"}
 #: words of titles and meanings that belong to the plane, with those in their place on a line and in space
 _WORDS = {
     "force per length of boundary": ("force along the line", "force per area of boundary"),
@@ -357,12 +362,17 @@ _WORDS = {
 }
 
 
-def entry_of(name: str, packing: Packing) -> Observable:
-    """Return the entry of an observable with the unit, title and meaning that it has for a packing.
+def entry_of(name: str, packing: Balls) -> Observable:
+    """Return the entry of an observable with the unit, title and meaning that it has for a packing or crystal.
 
-    Those of pressure, density and moduli depend on the number of periods of the lattice: 1, 2 or 3.
+    Those of pressure, density and moduli depend on the number of periods of the lattice: 1, 2 or 3. A parameter of a kind of
+    ball, "A.diameter", has the entry of the parameter, with the kind in its title.
     """
-    entry, periods = CATALOGUE[name], packing.structure.periods
+    kind, _, own = name.rpartition(".")
+    entry, periods = CATALOGUE[own], packing.structure.periods
+    if kind:
+        title = f"{_OF_KINDS.get(own, entry.title)} of {kind}"
+        return replace(entry, name=name, title=title, meaning=title, label=title.capitalize())
     if periods == 2 or not entry.per_dimension:
         return entry
     title, meaning = entry.title, entry.meaning

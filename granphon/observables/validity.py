@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio, harmonic_diameter
+from granphon.balls.ball import BALL_LIMITS, WRONG_UNIT
+from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
-from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
 from granphon.base.scales import prefixed
@@ -66,6 +66,11 @@ _LIMITS = {
         "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
         "other terms of the order of this torsion are left out",
     ),
+    "table": (
+        1.0, "overlap over the last of the table of its contact law",
+        "the overlap of a contact is {worst} times the last of the table of its law, more than {limit}",
+        "beyond its table the law goes on as a power",
+    ),
     "yield": (
         1.07, "mean contact pressure over yield strength",
         "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
@@ -82,17 +87,6 @@ _BY_NUMBERING = 0.04
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
 #: directions in which sound is compared with that in the balls, by the number of periods
 _DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
-#: reason given when a property of the material is outside its limit
-_WRONG_UNIT = "the unit is probably wrong, SI units are expected"
-#: conditions on the balls, by name: the attribute of the packing, what it is, its unit, the limit (SI), whether that is a
-#: least value
-_BALL_LIMITS = {
-    "young_modulus": ("material.young_modulus", "Young modulus", "Pa", LEAST_YOUNG_MODULUS, True),
-    "density": ("material.density", "density", "kg/m^3", 1.0, True),
-    "high_density": ("material.density", "density", "kg/m^3", 3e4, False),
-    "diameter": ("diameter", "diameter", "m", 1e-8, True),
-    "large_diameter": ("diameter", "diameter", "m", 1.0, False),
-}
 
 
 class Tally(NamedTuple):
@@ -128,12 +122,12 @@ class Tally(NamedTuple):
                 are = "is lower," if self.failing == 1 else "are lower, down to"
                 lower = f"{self.failing} of the {self.loads} contact forces {are}"
             return f"{self.reason} below {least}: {lower} {force}."
-        if self.name in _BALL_LIMITS:
-            _, what, unit, *_ = _BALL_LIMITS[self.name]
+        if self.name in BALL_LIMITS:
+            _, what, unit, *_ = BALL_LIMITS[self.name]
             said = f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than {{limit}} {unit}"
         else:
             said = _LIMITS[self.name][2]
-        several &= self.name not in ("spread", *_BALL_LIMITS)  # which do not depend on the load
+        several &= self.name not in ("spread", *BALL_LIMITS)  # which do not depend on the load
         up = "up to " if several and self.failing > 1 else ""
         words = {
             "worst": f"{up}{self.worst:.4g}", "part": f"{up}{100.0 * self.worst:.4g} %", "limit": f"{self.limit:g}",
@@ -238,8 +232,8 @@ class Validity(Result):
 def validity(state: Any) -> Validity:
     """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    Of a network, whose material is not known, it is the contact radius alone, if its contacts follow Hertz's law. The
-    quantities compared with limits are:
+    Of a crystal it is what :attr:`CrystalState.limits` has. Of a network, whose material is not known, it is the contact
+    radius alone, if its contacts follow Hertz's law. The quantities compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
       (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
@@ -260,6 +254,15 @@ def validity(state: Any) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
       given in a wrong unit.
     """
+    if (limits := getattr(state, "limits", None)) is not None:  # a crystal says itself what limits it
+        return Validity(
+            tuple(
+                Check(name, f"{BALL_LIMITS[name][1]} in {BALL_LIMITS[name][2]}", value[()], limit, WRONG_UNIT, at_least)
+                if name in BALL_LIMITS
+                else _check(name, value[()])
+                for name, value, limit, at_least, _ in limits
+            )
+        )
     return as_state(state).cached(_compute_validity)
 
 
@@ -314,7 +317,7 @@ def _compute_validity(state: Any) -> Validity:
         values["places"] = np.full(state.shape, _BY_NUMBERING)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
-        values["torsion"] = 1.5 * state.force / state.normal_stiffness / d / state.torsion
+        values["torsion"] = overlap_from(state.force, state.normal_stiffness) / d / state.torsion
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
@@ -324,9 +327,9 @@ def _compute_validity(state: Any) -> Validity:
         reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
-    for name, (attribute, what, unit, limit, at_least) in _BALL_LIMITS.items():
+    for name, (attribute, what, unit, limit, at_least) in BALL_LIMITS.items():
         value = np.full(state.shape, attrgetter(attribute)(state.packing))
-        checks.append(Check(name, f"{what} in {unit}", value, limit, _WRONG_UNIT, at_least))
+        checks.append(Check(name, f"{what} in {unit}", value, limit, WRONG_UNIT, at_least))
     return Validity(tuple(checks))
 
 
@@ -344,5 +347,5 @@ def check_network(network: ContactNetwork) -> Validity:
     law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return Validity(())
-    ratio = contact_radius_ratio(np.mean(1.5 * force / stiffness / diameter), 1.0)
+    ratio = contact_radius_ratio(np.mean(overlap_from(force, stiffness) / diameter), 1.0)
     return Validity((_check("contact_radius", ratio),))

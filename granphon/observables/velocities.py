@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -155,8 +154,6 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
-    if _has_networks(state):
-        return _join_loads(state.shape, [sound_velocities(state[at], direction) for at in np.ndindex(state.shape)])
     state = as_state(state)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names, (v, vectors) = state.wave_names, state.polarised_waves(along)
@@ -181,23 +178,6 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
         twist=twist,
     )  # fmt: skip
-
-
-def _has_networks(state: Any) -> bool:
-    """Whether a state is that of a crystal at several loads, each of which has a network of its own."""
-    return not isinstance(state, State) and not getattr(state, "is_single", True)
-
-
-def _join_loads(shape: tuple[int, ...], found: Sequence[Found]) -> Found:
-    """Return results at single loads as one result with the ``shape`` of the load in front."""
-    first = found[0]
-    joined: dict[str, Any] = {"warnings": tuple(dict.fromkeys(text for one in found for text in one.warnings))}
-    for name, layout in first._shapes.items():
-        if layout.startswith("...") and getattr(first, name) is not None:
-            values = np.stack([np.asarray(getattr(one, name)) for one in found])
-            joined[name] = values.reshape(*shape, *values.shape[1:])
-    joined |= {name: all(getattr(one, name) for one in found) for name in ("isotropic", "cubic") if hasattr(first, name)}
-    return replace(first, **joined)
 
 
 def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
@@ -409,8 +389,6 @@ def moduli(state: Any) -> Moduli:
     equation (16) still holds. Under a static stress that is no pressure, as in a network with ``prestress``, the tensor of
     these coefficients is not symmetric.
     """
-    if _has_networks(state):
-        return _join_loads(state.shape, [moduli(state[at]) for at in np.ndindex(state.shape)])
     state = as_state(state)
     errors: dict[str, Any] = {}
     tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes

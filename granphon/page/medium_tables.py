@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.diameters import Uniform
-from granphon.balls.hertz import high_pressure_overlap
+from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import change_width
 from granphon.base.errors import InputError, MechanismError, PrecisionError
@@ -107,8 +107,8 @@ def tabulate_medium(
         change = _find_effect_of_rolling(packing, choice, most_rolling, start)
         told = f"up to {100.0 * change:.2g} %" if change >= _NOTED else f"less than {100.0 * _NOTED:g} %"
         note += f" In the medium they would change the stiffness by {told}." if change else ""
-    valid = {"afa": high_pressure_overlap(1.0) ** 1.5, "ema": VALID_FORCE, "cluster": VALID_CLUSTER_FORCE}[name]
-    return found | _tabulate(curves, roots, start, 1.5 * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
+    valid = {"afa": float(force_of(high_pressure_overlap(1.0))), "ema": VALID_FORCE, "cluster": VALID_CLUSTER_FORCE}[name]
+    return found | _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
 
 
 _SIMULATION_NOTE = (
@@ -153,7 +153,7 @@ def _find_effect_of_rolling(packing: Packing, choice: MediumChoice, most: float,
         return 0.0
     own = (packing.torsion, packing.bending)
     twists = (own[0], most) if packing.structure.periods == 3 else (own[0],)
-    x, eta, change = np.linspace(low, 1.5 * np.log(_EQUAL), _NODES), packing.mindlin_ratio, 0.0
+    x, eta, change = np.linspace(low, EXPONENT * np.log(_EQUAL), _NODES), packing.mindlin_ratio, 0.0
     before = _make_law(packing, choice, eta)
     for torsion, bending in {*itertools.product(twists, (own[1], most)), (0.0, 0.0)} - {own}:
         other = replace(packing, torsion=torsion, bending=bending)
@@ -256,7 +256,7 @@ def _simulate(packing: Packing, choice: MediumChoice, least: float) -> tuple[_Cu
     low = np.log(max(least, 1e-2))
     if medium.friction_history:  # samples can be loaded from their start on
         low = _find_start(lambda x: medium.at_force(np.exp(x) * units.force), low, InputError) or low
-    x = np.linspace(low, 1.5 * np.log(30.0), _SIMULATED)
+    x = np.linspace(low, EXPONENT * np.log(30.0), _SIMULATED)
     state = medium.at_force(np.exp(x) * units.force)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)

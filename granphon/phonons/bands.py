@@ -20,19 +20,23 @@ from granphon.base.staging import write_text
 from granphon.base.text import counted, plain_yaml, read_sealed, require_own_file, seal, warn_unverified, write_float
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
+from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import Modes
 from granphon.phonons.phonopy_atoms import (
     OFFSET,
-    SPIN,
     find_offset_phases,
     make_header,
     name_atoms,
     place_atoms,
+    read_kinds,
     read_motions,
     read_numbers,
+    write_kinds,
 )  # fmt: skip
 
 Array = NDArray[np.float64]
+#: difference of frequencies, over the top one, at which branches coincide
+_COINCIDE = 1e-6
 #: share of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
 #: highest frequency in units of the scales: that of a stiff contact, (k/M)^(1/2), is of order one
@@ -72,12 +76,14 @@ class Bands(Result):
     motions : the motions of each ball; rotations that the eigenvectors do not have are left out.
     pbc : along which of the d periods of the lattice the cell repeats, by default all; a ribbon that is cut out of a lattice
         in the plane repeats along one.
+    kinds : names of the kinds of the balls, if they are known.
+    gyration : (n,) radii of gyration of the balls, in reduced units; by default those of solid balls of the unit of length.
     """
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
     _shapes = {
         "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d",
-        "eigenvectors": "s p m b", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n",
+        "eigenvectors": "s p m b", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n", "gyration": "n",
     }  # fmt: skip
 
     qpoints: Array
@@ -93,8 +99,12 @@ class Bands(Result):
     warnings: tuple[str, ...] = ()
     motions: Motions = IN_PLANE
     pbc: tuple[bool, ...] = ()
+    kinds: tuple[str, ...] = ()
+    gyration: Any = None  # an array from the constructor on
 
     def __post_init__(self) -> None:
+        if self.gyration is None:
+            object.__setattr__(self, "gyration", np.full(len(self.masses), GYRATION))
         super().__post_init__()
         if not self.pbc:
             object.__setattr__(self, "pbc", (True,) * self.periods)
@@ -124,6 +134,8 @@ class Bands(Result):
             (np.all(self.frequencies <= _HIGHEST * self.scales.frequency), "a frequency is far above those of the scales"),
             (np.all(np.diff(self.distances.ravel()) >= 0.0), "the distances along the path do not ascend"),
             (np.all(self.masses > 0.0), "a mass is not above zero"),
+            (np.all(self.gyration > 0.0), "a radius of gyration is not above zero"),
+            (len(self.kinds) in (0, balls), "kinds are not those of all balls"),
             (abs(np.linalg.det(self.cell)) > 0.0, "the cell has no volume"),
             (np.all(np.abs(lengths - 1.0) <= _LENGTH_ERROR), "an eigenvector has not the length one"),
             (len(self.pbc) == p and all(isinstance(one, bool) for one in self.pbc), f"pbc is not {p} times true or false"),
@@ -184,6 +196,31 @@ class Bands(Result):
         return np.asarray(np.clip(rest, 0.0, 1.0))
 
     @cached_property
+    def edge_weight(self) -> Array:
+        """Fraction of the kinetic energy in the outer quarter of a cut, lower and upper edge, (s, p, b, 2), 0 to 1.
+
+        Where branches coincide, the modes are taken that are most at one edge. Raises
+        :class:`~granphon.base.errors.InputError` of a lattice that is not a cut: all balls are at one height.
+        """
+        heights = (self.positions @ self.cell)[:, min(sum(self.pbc), 2)]
+        low, high = float(heights.min()), float(heights.max())
+        if not high - low > 1e-9 * float(np.abs(self.cell).max()):
+            raise InputError(message("the lattice has no edges", mend="Take bands of network.cut(axis, layers)"))
+        quarter = 0.25 * (1.0 + 1e-9) * (high - low)
+        masks = np.stack([heights <= low + quarter, heights >= high - quarter])
+        found = np.einsum("ei,spicb->spbe", masks.astype(float), np.abs(self._motion) ** 2, optimize=True)
+        close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
+        for s, p in np.argwhere(np.any(close, axis=2)):
+            splits = np.split(np.arange(self.n_branches), np.flatnonzero(~close[s, p]) + 1)
+            for group in (one for one in splits if len(one) > 1):
+                motion = self._motion[s, p][..., group]
+                low, high = (np.einsum("icb,icd->bd", motion[mask].conj(), motion[mask]) for mask in masks)
+                turned = np.linalg.eigh(high - low)[1]
+                for edge, each in enumerate((low, high)):
+                    found[s, p, group, edge] = np.einsum("ba,bc,ca->a", turned.conj(), each, turned).real
+        return np.asarray(np.clip(found, 0.0, 1.0))
+
+    @cached_property
     def connection(self) -> NDArray[np.intp]:
         """Index of each connected branch among the frequencies at each point, (s, p, b).
 
@@ -231,6 +268,8 @@ class Bands(Result):
             *make_header(unit, self.scales, self.motions, self.periods),
             *([f"  still_branches: {still}"] if still else []),
             *([] if all(self.pbc) else [f"  pbc: {json.dumps(self.pbc)}"]),
+            *write_kinds(self.kinds),
+            *([f"  gyration: {_write_row(self.gyration.tolist())}"] if np.any(self.gyration != GYRATION) else []),
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
@@ -242,7 +281,7 @@ class Bands(Result):
         ]  # fmt: skip
         places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
         masses = np.repeat(self.masses, per_ball).tolist()
-        for name, place, mass in zip(name_atoms(self.masses, self.motions), places, masses, strict=True):
+        for name, place, mass in zip(name_atoms(self.masses, self.motions, self.kinds), places, masses, strict=True):
             lines += [f"- symbol: {name}", f"  coordinates: {_write_row(place.tolist())}", f"  mass: {write_float(mass)}"]
         lines.append("phonon:")
         hertz, velocities = frequencies / unit.hertz, velocities / (self.scales.length * unit.hertz)
@@ -281,7 +320,7 @@ class Bands(Result):
             points = data["points"]
             if natom != len(points):
                 raise InputError(f"Its key natom is {data['natom']}, and it has {len(points)} points")
-            n = sum(point["symbol"] != SPIN for point in points)
+            symbols, n = [point["symbol"] for point in points], natom // read_motions(own)[0].atoms_per_ball
             still = int(own.get("still_branches", 0))
             bands = [q["band"][still:] for q in phonon]
             b, per_ball = len(bands[0]), len(points) // max(n, 1)
@@ -302,7 +341,8 @@ class Bands(Result):
                 raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
             coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
             masses = read_numbers("mass", [point["mass"] for point in points])
-            if name_atoms(masses[::per_ball], motions) != [point["symbol"] for point in points]:
+            kinds = read_kinds(own, symbols[::per_ball])
+            if name_atoms(masses[::per_ball], motions, kinds) != symbols:
                 raise InputError("Its atoms are not those of balls with these motions")
             found = cls(
                 qpoints,
@@ -311,7 +351,8 @@ class Bands(Result):
                 velocities[..., :periods].reshape(s, p, b, periods) * scales.length * hertz,
                 np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
                 coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
-                tuple(own.get("pbc", ())),
+                tuple(own.get("pbc", ())), kinds,
+                read_numbers("gyration", own["gyration"], (n,)) if "gyration" in own else None,
             )  # fmt: skip
             found._check()
             if not np.allclose(read_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):

@@ -36,12 +36,12 @@ from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import contact_rows, push_rows
+from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.media.network_state import NetworkState, as_state, given_state
 from granphon.media.state import ContactState, Law
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.contacts import ContactFinder, keep_rows
-from granphon.phonons.phonopy_atoms import name_balls
+from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -68,7 +68,9 @@ def atoms(state: Any) -> Atoms:
 
     The state of a crystal, a sample or a :class:`~granphon.ContactNetwork` with periods gives the cell of its network: the
     balls that move, with masses, radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``.
-    These have no calculator, as a network has stiffnesses and no contact law.
+    The name of a kind is its symbol if it is one; ``info["kinds"]`` has the name of each symbol. Where kinds are not known,
+    balls of each mass have a symbol.
+    Its calculator is :class:`HarmonicContacts`, as a network has stiffnesses and no contact law.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
@@ -97,10 +99,105 @@ def _make_network_atoms(state: NetworkState) -> Atoms:
     cell[: lattice.periods, : lattice.dimension] = lattice.cell
     positions[:, : lattice.dimension] = lattice.positions
     pbc = np.arange(3) < lattice.periods
-    balls = Atoms(name_balls(lattice.masses), positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
+    symbols = name_balls(lattice.masses, state.kinds)
+    balls = Atoms(symbols, positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
     balls.set_array("radius", network.radii[network.moving] / state.scales.length)
     balls.info.update(state.scales.to_info())
+    if state.kinds:
+        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(state.kinds).items()}
+    if turning := lattice.motions.rotations:
+        balls.set_array("rotations", np.zeros((len(balls), 3)[: 1 if turning == (2,) else 2]))
+    balls.calc = HarmonicContacts(state, balls)
     return balls
+
+
+class HarmonicContacts(Calculator):  # type: ignore[misc]
+    """ASE calculator of a network of contacts, to second order about its state, in the reduced units of the network.
+
+    The energy over that of the state is V s:(F - 1), with the volume V of the cell, the stress s of the normal forces, and F
+    the deformation of the cell, plus k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2 of each contact, less f t^2/2r
+    with prestress (t is the displacement across the contact, r the distance of the centres). Forces and torques are zero at
+    rest, and their slopes are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither open nor stiffen, so that
+    displacements must be small against the overlap; for larger ones there are :class:`~granphon.NonlinearWaves`. Stress is
+    as for :class:`HertzMindlin`. Rotations about the axes of the motions count, from the array ``rotations``.
+
+    :func:`~granphon.atoms` attaches it to the Atoms of a network, of which it keeps the places. It serves the same balls in
+    the same order; of a larger cell, ``gp.atoms(network.repeat(...))`` has its own. Raises
+    :class:`~granphon.base.errors.InputError` for other Atoms, and for the stress of balls that bodies without motion hold.
+    """
+
+    implemented_properties = ["energy", "free_energy", "forces", "stress"]
+    discard_results_on_any_change = True
+
+    def __init__(self, state: NetworkState, rest: Atoms) -> None:
+        super().__init__()
+        self.state, self._rest = state, rest.copy()
+
+    def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
+        """Return the names of what has changed since the last calculation, rotations among them."""
+        changes: list[str] = super().check_state(atoms, tol=tol)
+        turned = self.atoms is not None and not np.array_equal(*(a.arrays.get("rotations") for a in (self.atoms, atoms)))
+        return changes + ["rotations"] * turned
+
+    def calculate(
+        self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
+    ) -> None:
+        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
+        super().calculate(atoms, properties, system_changes)
+        balls, rest, lattice = self.atoms, self._rest, self.state.contact_lattice()
+        self.contact_network(balls)
+        table, n, p, motions = lattice.contacts, len(balls), lattice.periods, lattice.motions
+        translations, rotations = list(motions.translations), list(motions.rotations)
+        # displacements and w = R_g phi of the balls, and of a body that does not move; whole periods count nothing
+        u, w, gyration = np.zeros((n + 1, 3)), np.zeros((n + 1, len(rotations))), lattice.gyration[:, None]
+        steps = np.rint(balls.get_scaled_positions(wrap=False) - rest.get_scaled_positions(wrap=False)) * balls.pbc
+        u[:n] = balls.positions - steps @ balls.cell - rest.positions
+        turned = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
+        w[:n] = gyration * (turned if turned.shape[1] == len(rotations) else turned[:, rotations])
+        i, j, energy, pull, torques = table.i, table.j, 0.0, np.zeros((len(table), 3)), np.zeros_like(w)
+        moved = u[j] - u[i] + table.shift @ (balls.cell - rest.cell)[:p]
+        for row, stiffness in _list_springs(lattice):
+            head, tail = row.head[:, motions.turning], row.tail[:, motions.turning]
+            along = row.head[:, motions.translating]
+            change = np.sum(along * moved[:, translations], axis=1) + np.sum(head * w[j] - tail * w[i], axis=1)
+            tension = (stiffness * change)[:, None]
+            energy += 0.5 * float(np.sum(tension[:, 0] * change))
+            pull[:, translations] -= tension * along
+            np.add.at(torques, i, tension * tail)
+            np.add.at(torques, j, -tension * head)
+        forces = np.zeros((n + 1, 3))
+        np.add.at(forces, j, pull)
+        np.add.at(forces, i, -pull)
+        self._torques: Array = np.zeros((n, 3))
+        self._torques[:, rotations] = torques[:n] * gyration
+        network, vector = self.state.network, np.zeros((len(table), 3))
+        vector[:, : lattice.dimension] = table.vector
+        live = network.moving[network.i] | network.moving[network.j]
+        force = network.normal_force[live, None] / self.state.scales.force * table.normal
+        static = -vector.T @ np.pad(force, ((0, 0), (0, 3 - lattice.dimension)))
+        strain = np.linalg.solve(rest.cell.array, balls.cell.array - rest.cell.array)
+        energy += float(np.sum(static * strain))
+        self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
+        if not lattice.is_held:
+            stress = static + strain.T @ static - (vector + moved).T @ pull
+            stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
+            self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
+        elif "stress" in properties:
+            raise InputError(message("a network that bodies without motion hold has no stress of its own"))
+
+    def get_torques(self, atoms: Atoms) -> Array:
+        """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
+        self.get_property("energy", atoms)
+        return self._torques.copy()
+
+    def contact_network(self, atoms: Atoms) -> ContactNetwork:
+        """Return the network; raises :class:`~granphon.base.errors.InputError` for Atoms that are not its balls."""
+        rest = self._rest
+        if not (len(atoms) == len(rest) and np.array_equal(atoms.pbc, rest.pbc) and np.array_equal(
+            atoms.get_masses(), rest.get_masses())):  # fmt: skip
+            why, mend = "Its calculator serves these alone", "Use gp.atoms(network.repeat(...)), or of another network"
+            raise InputError(message(f"the Atoms are not the {len(rest)} balls of the network", why, mend))
+        return self.state.network
 
 
 class HertzMindlin(Calculator):  # type: ignore[misc]
@@ -445,15 +542,21 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)[:, :, slots][..., slots]
 
 
+def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
+    """Return the rows of the contacts and their stiffnesses (n_c,), those of static forces among them."""
+    springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
+    if lattice.is_prestressed:
+        springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
+    return springs
+
+
 def contact_blocks(lattice: ContactLattice) -> Array:
     """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then of ball j; units of k.
 
     If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
     """
     slots, count = list(lattice.motions.slots), 3 * lattice.motions.atoms_per_ball
-    springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
-    if lattice.is_prestressed:
-        springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
+    springs = _list_springs(lattice)
     entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
     for entry, (row, _) in zip(entries, springs, strict=True):
         entry[:count][slots], entry[count:][slots] = -row.tail.T, row.head.T

@@ -181,7 +181,7 @@ class Phonons:
             # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
             cell[axis] *= 1.0 + np.ceil(2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis]))
         unit = PhonopyAtoms(
-            symbols=name_atoms(self.atoms.get_masses(), motions), cell=cell,
+            symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds), cell=cell,
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )  # fmt: skip
@@ -288,7 +288,7 @@ class Phonons:
             modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
             self.scales, self._find_warnings(q.reshape(-1, d), modes.frequencies), self.lattice.motions,
-            tuple(self._repeats.tolist()),
+            tuple(self._repeats.tolist()), self.state.kinds, self.lattice.gyration,
         )  # fmt: skip
 
     def dos(
@@ -487,10 +487,12 @@ class Phonons:
         kHz, MHz or another such unit, in which the top frequency lies between 1 and 1000. The file names this unit under
         ``granphon``, with the scales.
 
+        Balls of several kinds have the symbols of :func:`~granphon.atoms`; the file names the kind of each.
+
         :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
         """
         top = self.lattice.top_frequency * self.scales.frequency
-        write_phonopy(self.phonopy, path, self.scales, top, self.lattice.motions, self._periods)
+        write_phonopy(self.phonopy, path, self.scales, top, self.lattice.motions, self._periods, self.state.kinds)
 
 
 def _pad(numbers: tuple[int, ...]) -> list[int]:

@@ -8,11 +8,13 @@ atom therefore lacks the factor exp(i q.offset) that belongs to its ball.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from ase.data import chemical_symbols
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
@@ -27,6 +29,9 @@ Array = NDArray[np.float64]
 SPIN = "Sn"
 #: chemical symbols of balls of different masses, in the order in which these come
 KINDS = (BALL, "Al", "Cu", "Ti", "Zn", "W", "Pb", "Ni", "Ag", "Au", "Si", "Cr")
+#: YAML reads this symbol as false; symbols that are never those of a kind of another name: also those of other atoms
+_FALSE = "No"
+_NO_KIND = (SPIN, "He", _FALSE)
 #: relative difference of masses that are one but for rounding
 _ONE_MASS = 1e-9
 #: displacement of these atoms from the centres of the balls, in diameters. It is so short that the nearest images of
@@ -51,14 +56,48 @@ def number_kinds(masses: Array) -> list[int]:
     return numbers
 
 
-def name_balls(masses: Array) -> list[str]:
-    """Return a chemical symbol for each ball, one for each kind of :func:`number_kinds`."""
-    return [KINDS[number] for number in number_kinds(masses)]
+def free_symbol(symbol: str, taken: Iterable[str]) -> str:
+    """Return a chemical symbol that is not ``taken``: this one if possible."""
+    used = set(taken)
+    return next(str(one) for one in (symbol, *KINDS, *chemical_symbols[1:]) if one not in used)
 
 
-def name_atoms(masses: Array, motions: Motions) -> list[str]:
-    """Return the chemical symbols of the atoms of balls with these masses (n,), ball after ball."""
-    return [symbol for ball in name_balls(masses) for symbol in (ball, SPIN)[: motions.atoms_per_ball]]
+def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
+    """Return a chemical symbol for each kind of balls, by its name: its name if that is one, else another, all different.
+
+    Where there are more kinds than symbols, all are balls of one symbol.
+    """
+    names = list(dict.fromkeys(kinds))
+    if len(names) > len(chemical_symbols) - 1 - len(_NO_KIND):
+        return dict.fromkeys(names, BALL)
+    found = {name: name for name in names if name in chemical_symbols[1:] and name != _FALSE}
+    for name in names:
+        found.setdefault(name, free_symbol(BALL, (*found.values(), *_NO_KIND)))
+    return {name: found[name] for name in names}
+
+
+def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
+    """Return a chemical symbol for each ball: that of its kind, or if kinds are not known, of its mass (number_kinds)."""
+    symbols = choose_symbols(kinds)
+    return [symbols[kind] for kind in kinds] if kinds else [KINDS[number] for number in number_kinds(masses)]
+
+
+def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
+    """Return the chemical symbols of the atoms of balls of these masses (n,) and kinds (:func:`name_balls`), in turn."""
+    balls = name_balls(masses, kinds)
+    spin = free_symbol(SPIN, balls)
+    return [symbol for ball in balls for symbol in (ball, spin)[: motions.atoms_per_ball]]
+
+
+def write_kinds(kinds: Sequence[str]) -> list[str]:
+    """Return the line of a head that says which kind of balls each symbol is; none if kinds are not known."""
+    symbols = {symbol: name for name, symbol in choose_symbols(kinds).items()}
+    return [f"  kinds: {json.dumps(symbols, ensure_ascii=False)}"] if kinds else []
+
+
+def read_kinds(own: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, ...]:
+    """Read the names of the kinds of balls with these symbols from a head; none if it has no ``kinds``."""
+    return tuple(str(own["kinds"][symbol]) for symbol in symbols) if "kinds" in own else ()
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
@@ -23,7 +24,15 @@ from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import plain_yaml, read_sealed, require_own_file, seal, versions, warn_unverified, write_float
-from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions, read_numbers
+from granphon.phonons.phonopy_atoms import (
+    free_symbol,
+    make_header,
+    name_atoms,
+    read_kinds,
+    read_motions,
+    read_numbers,
+    write_kinds,
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -114,21 +123,22 @@ for _name, _reason in READ_ONLY.items():
 
 
 def write_phonopy(
-    bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, motions: Motions, periods: int
-) -> None:
+    bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, motions: Motions, periods: int,
+    kinds: Sequence[str] = (),
+) -> None:  # fmt: skip
     """Write the force constants of ``bridge`` so that phonopy reads them correctly without options; see ``Phonons.save``.
 
-    ``top`` is the highest frequency, Hz; ``motions`` are those of each ball.
+    ``top`` is the highest frequency, Hz; ``motions`` and ``kinds`` are those of each ball.
     """
     unit = HertzPrefix.for_top(top)
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
     mass = _EXPORT_SCALE / per_frequency**2
     own = bridge.unitcell
-    n = len(own)
+    n, symbol = len(own), free_symbol(_AUXILIARY, own.symbols)
     # the auxiliary atom's, and one for each coordinate that holds no motion: what a reader sees at zero besides the branches
     zero_bands = 3 + n // motions.atoms_per_ball * len(motions.still_slots)
     cell = PhonopyAtoms(
-        symbols=[*own.symbols, _AUXILIARY], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
+        symbols=[*own.symbols, symbol], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
         scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
     )  # fmt: skip
     export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
@@ -147,8 +157,8 @@ def write_phonopy(
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
         *make_header(unit, scales, motions, periods), f"  version: {versions()['granphon']}",
-        f"  force_constants_scale: {write_float(_EXPORT_SCALE)}", f"  auxiliary_atom: {_AUXILIARY}",
-        f"  zero_bands: {zero_bands}",
+        f"  force_constants_scale: {write_float(_EXPORT_SCALE)}", f"  auxiliary_atom: {symbol}",
+        f"  zero_bands: {zero_bands}", *write_kinds(kinds),
         "  masses:", *(f"  - {write_float(m)}" for m in own.masses.tolist()), "",
     ]  # fmt: skip
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
@@ -178,7 +188,9 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         scale, n = float(read_numbers("force_constants_scale", scale, ())), len(masses)
         points = data["unit_cell"]["points"]
         symbols, (motions, periods) = [point["symbol"] for point in points], read_motions(own)
-        if len(points) != n + 1 or symbols != [*name_atoms(masses[:: motions.atoms_per_ball], motions), _AUXILIARY]:
+        per_ball = motions.atoms_per_ball
+        wanted = name_atoms(masses[::per_ball], motions, read_kinds(own, symbols[:-1:per_ball]))
+        if len(points) != n + 1 or symbols != [*wanted, free_symbol(_AUXILIARY, wanted)]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
         # granphon writes no other supercell, and phonopy may never return from one
         matrix = np.array(data["supercell_matrix"])

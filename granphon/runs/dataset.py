@@ -25,11 +25,12 @@ from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LIGHT_VELOCITY, LOADS
+from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.long_waves import voigt_names
+from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
@@ -168,6 +169,8 @@ def _require_sound(cases: Sequence[Case]) -> None:
     known: set[tuple[Any, ...]] = set()
     for case in cases:
         packing = case.packing
+        if not isinstance(packing, Packing):  # which contacts of a crystal carry is found with its state
+            continue
         present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
         # an array is not the lattice, and has its own forces
         pushed = case.asked.finite_overlap and not case.medium.is_exact
@@ -218,6 +221,8 @@ def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Seque
         variables["distances"] = (("segment", "point"), np.cumsum(steps).reshape(steps.shape), about)
         variables["labels"] = ("corner", np.array(ticks), {"long_name": "corners of the path"})
     loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
+    if load.kind == "pressure":  # of what was cut it acts on the faces too
+        loads[2]["units"] = find_load_unit("pressure", packing.structure.periods, packing.structure.pressed_axes)
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
         # a label does not describe a spread or a lattice completely
@@ -290,7 +295,8 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
     out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves") if name in frame.attrs}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
-    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS or name == "direction"] + path:
+    known = {*LOAD_KINDS, *PARAMETERS, "direction"}
+    for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
         whole = frame[name].attrs.get("values")
         out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
     return out
@@ -381,7 +387,7 @@ def _is_of_sound(name: str) -> bool:
     return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
 
 
-def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
+def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
     """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
     entry = entry_of(name, packing)
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
@@ -456,7 +462,7 @@ def write_waves(dataset: Dataset, path: Path) -> None:
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
     """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the ``columns``, all digits."""
-    load, own = next(name for name in LOADS if name in dataset.coords), dataset["valid"].dims
+    load, own = next(name for name in LOAD_KINDS if name in dataset.coords), dataset["valid"].dims
     names = [load, *own[1:], *columns]
     grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
+from granphon.balls.packing import given_packing
 from granphon.balls.parameters import Axis, find_double
 from granphon.base.errors import (
     ConvergenceError,
@@ -33,7 +33,9 @@ from granphon.base.errors import (
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
+from granphon.media.arrangement import Arrangement, Balls, CrystalMedium
 from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
 from granphon.runs.dataset import SweepRun, collect_identity, file_names, load_sweep, write_sweep
 from granphon.runs.store import Store, open_store
@@ -57,12 +59,13 @@ Array = NDArray[Any]
 
 
 def sweep(
-    packing: Packing,
+    packing: Balls | Crystal,
     *,
     force: ArrayLike | None = None,
     pressure: ArrayLike | None = None,
     overlap: ArrayLike | None = None,
-    media: Any = ("ala",),
+    load: Load | None = None,
+    media: Any = None,
     finite_overlap: bool = False,
     direction: ArrayLike | None = None,
     bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
@@ -83,12 +86,13 @@ def sweep(
 
     Parameters
     ----------
-    packing : the packing whose parameters are varied; those that are not swept keep its values.
+    packing : the packing whose parameters are varied; those that are not swept keep its values. Or a crystal.
     force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force is in N, an overlap in
         m, a pressure in N on a line, N/m in the plane and Pa in space.
-    media : "ala", "afa", "ema", "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
-        {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
-        each once.
+    load : the loads, in place of these; such as the stresses or strains of a crystal, or its pressure and gravity.
+    media : for a crystal "crystal"; for a packing, by default "ala", one of "ala", "afa", "ema", "simulation", "auto",
+        mappings with options such as {"ema": {"local_field": "paper"}}, {"simulation": {"shape": (64, 64), "seed": 0,
+        "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these, each once.
     finite_overlap : keep the terms of relative order delta/d. Media with a contact law then have no exponent.
     direction : Cartesian direction of sound, (p,) for lattices of p periods, or (n, p) for many; by default x. Many make one
         more dimension of the velocities, ``direction``.
@@ -110,8 +114,10 @@ def sweep(
     resume : if the sweep in ``path`` is complete, return it, and compute and write nothing.
     overwrite : replace existing files, and discard the finished tasks of another sweep to ``path``.
     store : where finished tasks are kept, instead of beside ``path``. Results that it holds are used; the caller clears it.
-    **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread
-        and keeps its shape, which is uniform if the packing has no spread; a ``diameter`` leaves the spread as it is.
+    **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`; of a crystal those of its kinds, as
+        {"A.young_modulus": [...]}, any of :data:`~granphon.balls.parameters.KIND_PARAMETERS` but the diameter.
+        A ``width`` (W, m) scales the spread and keeps its shape, which is uniform if the packing has no spread; a
+        ``diameter`` leaves the spread as it is.
         Lattices must have the same number of periods.
 
     Returns
@@ -151,7 +157,14 @@ def sweep(
     GranphonError : a medium has no solution. The message names medium, parameters and load, and ``load_index`` is the index
         of that load. No result is written then.
     """
-    load = Load.only(force=force, pressure=pressure, overlap=overlap)
+    if isinstance(packing, Crystal):
+        packing = Arrangement.of(packing)
+    if not isinstance(packing, Arrangement):
+        given_packing(packing)
+    media = media if media is not None else (CrystalMedium.name if isinstance(packing, Arrangement) else "ala")
+    if load is not None and any(one is not None for one in (force, pressure, overlap)):
+        raise InputError(message("a load is given twice", mend="Give load alone, or one of force, pressure, overlap"))
+    load = Load.only(force=force, pressure=pressure, overlap=overlap) if load is None else load.applied.flat
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     # all lattices of a sweep have the same number of periods
     lattice = find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))

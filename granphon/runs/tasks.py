@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError, message
 from granphon.base.results import plain
 from granphon.base.text import counted
+from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
@@ -100,7 +100,7 @@ class Case:
     """
 
     where: str
-    packing: Packing
+    packing: Balls
     medium: MediumChoice
     load: Load
     asked: Asked = Asked()
@@ -124,7 +124,7 @@ class Case:
 class Grid:
     """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load."""
 
-    packing: Packing
+    packing: Balls
     axes: Sequence[Axis]
     media: Sequence[MediumChoice]
     load: Load
@@ -351,6 +351,8 @@ class MediumTask:
         ]
         out = find_all(analysis, ("state",), swept=True)
         try:
+            if state.is_held and not asked.sound:
+                raise MechanismError("a floor or clamp holds the balls")
             out |= find_all(analysis, ("velocities",), swept=True)
             notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
@@ -364,7 +366,7 @@ class MediumTask:
             # the frequencies that phonopy gives, but from C(q), which needs no force constants. In the paper's limit one
             # dispersion relation serves all loads, unless the torsion is that of a Hertz contact
             loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
-            lattices = [one.contact_lattice() for one in (loads[:1] if state.loaded_lattice.is_one else loads)]
+            lattices = [one.contact_lattice() for one in (loads[:1] if state.has_one_lattice else loads)]
             paths = [one.wavevectors(asked.qpoints.reshape(-1, 3)) for one in lattices]
             rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
             hertz = np.array([one.scales.frequency for one in loads])

@@ -22,12 +22,15 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, Refused
-from granphon.base.quantities import LENGTH, LOADS, NUMBER
+from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, TENSORS
 from granphon.base.scales import write_quantity
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
+from granphon.media.arrangement import Arrangement, CrystalCell
 from granphon.phonons.paths import BandPath, read_labels
+from granphon.scene import crystal_rules as crystals
 from granphon.scene import rules
+from granphon.scene.crystal_rules import split_tensor
 from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, table_named
 from granphon.waves.settings import (
     POLARISATIONS,
@@ -111,6 +114,29 @@ FIELDS: tuple[Field, ...] = (
         kind=_unless_zero(PARTS["torsion"]),
     ),
     _part("bending", "stiffness of a contact against rolling, over k d²", "`0`", kind=_unless_zero(PARTS["bending"])),
+    Field("balls", "packing.kinds", crystals.BALLS, "kinds of balls by name, see [crystals](#crystals)", NEEDED),
+    *(
+        Field(f"crystal.{key}", f"packing.{place}", kind, words, default)
+        for key, place, kind, words, default in (
+            ("lattice", "lattice", crystals.STRUCTURE, "a lattice, or `NaCl`, `CsCl`, `zincblende`", "`cell` and `sites`"),
+            ("kinds", "order", crystals.ORDER, "names of kinds that follow each other on its sites", "all kinds in turn"),
+            ("cell", "cell", crystals.CELL, "vectors along which the crystal repeats, each a list of lengths", "`lattice`"),
+            ("sites", "sites", crystals.SITES, "a block `kind`, `at` for each ball: its kind, and its place", "`lattice`"),
+            ("repeat", "repeat", crystals.REPEAT, "cells of the supercell along each period", "one cell"),
+            ("cut", "cut", crystals.CUT, "block `axis`, `layers`, `edges` of a strip, slab or column, or a list", "none"),
+            ("replace", "replace", crystals.REPLACE, "numbers of balls, and the kinds that take their places", "none"),
+            ("remove", "remove", crystals.REMOVE, "numbers of balls that are taken out", "none"),
+            ("law", "law", crystals.LAW, "the law of contacts, or a block of pairs of kinds with a law for each", "`hertz`"),
+            ("friction", "friction", PARTS["friction"], "whether contacts resist shear", ""),
+            ("motions", "motions", crystals.MOTIONS, "how each ball moves, see [lattices](#lattices)", "as in `packing`"),
+            ("torsion", "torsion", PARTS["torsion"], "as in `packing`", "`0`"),
+            ("bending", "bending", PARTS["bending"], "as in `packing`", "`0`"),
+        )
+    ),
+    Field(
+        "crystal.finite_overlap", "finite_overlap", PARTS["finite_overlap"],
+        "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
+    ),
     _load("force", "mean force between touching balls"),
     _load("pressure", "force per length of the boundary; on a chain the force, N; in space the force per area, Pa"),
     _load("overlap", "how far touching balls are pressed into each other; may be negative if balls differ"),
@@ -118,6 +144,19 @@ FIELDS: tuple[Field, ...] = (
     Field(
         "load.balls_per_side", "load.balls_per_side", Kind.plain(balls_on_side),
         "the number n of balls that lean on a side of that frame", "required with `side_force`",
+    ),
+    Field(
+        "load.stress", "load", crystals.tensor_kind("stress"),
+        "of a crystal: the stress in Voigt order, or as a matrix; tension is positive", "one load is required",
+    ),
+    Field(
+        "load.strain", "load", crystals.tensor_kind("strain"),
+        "of a crystal: the strain of its periods from where balls touch; extension is positive", "one load is required",
+    ),
+    Field("load.times", "load", crystals.TIMES, "factors by which a stress or strain is multiplied", "`1`"),
+    Field(
+        "load.gravity", "load.gravity", rules.quantity(ACCELERATION),
+        "of a crystal with a floor or clamp: the acceleration towards it, with another load or alone", "none",
     ),
     Field(
         "medium", "media", rules.MEDIUM, "how a spread of diameters is averaged, see [media](#media)",
@@ -187,8 +226,11 @@ for _field in FIELDS:
     _BLOCKS.setdefault(_field.key.partition(".")[0], {})[_field.key.partition(".")[2]] = _field
 #: the blocks that a scene must have
 _NEEDED_BLOCKS = ("material", "packing", "load")
-#: what a block "load" must hold, in words for messages
+#: the blocks of a scene with balls of several kinds, which stand in place of the first two
+_CRYSTAL_BLOCKS = ("balls", "crystal")
+#: what a block "load" must hold, in words for messages; and that of a crystal
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
+_ONE_LOAD_OF_CRYSTAL = "exactly one of force, pressure, overlap, stress, strain; with gravity none of them is needed"
 
 
 # -- writing and checking -------------------------------------------------------------------------------------------
@@ -197,9 +239,10 @@ _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_p
 def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
     """Return what the file of a scene holds, with every default written out, as plain data."""
     out: dict[str, Any] = {}
+    others = _CRYSTAL_BLOCKS if isinstance(scene.packing, Packing) else _NEEDED_BLOCKS[:2]
     for name, fields in _BLOCKS.items():
         for key, field in fields.items():
-            value = scene
+            value = scene if name not in others else None
             for attribute in field.place.split("."):
                 value = None if value is None else getattr(value, attribute)
             # a key is left out where it has no value, and where its kind writes none
@@ -210,8 +253,7 @@ def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
 
 def scene_rule(place: str, at: Context) -> Any:
     """Return the rule of the attribute ``place`` of a scene."""
-    (found,) = (field.kind.rule(at) for field in FIELDS if field.place == place)
-    return found
+    return next(field.kind.rule(at) for field in FIELDS if field.place == place)
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -228,6 +270,8 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         raise document.error((), f"found a list; allowed: a block of keys: {', '.join(_BLOCKS)}.")
     try:
         _require_known(data)
+        if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
+            return _read_crystal_scene(document, folder)
         at = Context(_find_lattice(data), folder=folder)
         return block(data, {name: partial(_read_block, name, at=at) for name in _BLOCKS}, _NEEDED_BLOCKS)
     except Refused as refused:
@@ -245,6 +289,35 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         raise document.error(refused.path, str(refused)) from None
 
 
+def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
+    """Read a scene with balls of several kinds, whose crystal says what the other values mean; it is under "packing"."""
+    data, first = document.data, Context(folder=folder)
+    if beside := [name for name in _NEEDED_BLOCKS[:2] if name in data]:
+        mend = "Remove it: the balls have their materials, and the crystal its lattice."
+        raise Refused(f"{beside[0]} beside {' and '.join(name for name in _CRYSTAL_BLOCKS if name in data)}",
+                      "balls and crystal in place of material and packing", mend, (beside[0],))  # fmt: skip
+    own = block({name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
+                {name: partial(_read_block, name, at=first) for name in _CRYSTAL_BLOCKS}, _CRYSTAL_BLOCKS)  # fmt: skip
+    given: dict[str, Any] = dict(own["crystal"])
+    finite = {"finite_overlap": given.pop("finite_overlap")} if "finite_overlap" in given else {}
+    if ("lattice" in given) == ("cell" in given or "sites" in given) or ("cell" in given) != ("sites" in given):
+        found = " and ".join(name for name in ("lattice", "cell", "sites") if name in given) or "no lattice"
+        raise Refused(found, "a lattice, or cell and sites", path=("crystal",))
+    if "kinds" in given and "lattice" not in given:
+        raise Refused("kinds with cell and sites", "kinds with a lattice", "Each site has its kind.", ("crystal", "kinds"))
+    places = {"kinds": "order"}
+    try:
+        arrangement = Arrangement(own["balls"], **{places.get(name, name): value for name, value in given.items()})
+    except GranphonError as error:
+        raise document.error(("crystal",), str(error)) from None
+    at = Context(arrangement.structure, kinds=tuple(dict(arrangement.kinds)), folder=folder)
+    rest = {
+        name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2])
+    }
+    others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
+    return block(others, rest, ("load",)) | {"packing": finite | {"arrangement": arrangement}}
+
+
 def _read_block(name: str, value: Any, at: Context) -> Any:
     """Read a block, or the value of a key at the top level."""
     fields = _BLOCKS[name]
@@ -253,13 +326,19 @@ def _read_block(name: str, value: Any, at: Context) -> Any:
     if name in ("phonopy", "spectrum") and value is None:
         return {}  # every key below it is commented out
     if name == "load" and isinstance(value, dict):  # block() refuses another value, with the keys that are allowed
-        given = [kind for kind in LOADS if kind in value]
-        if not given:
-            raise Refused("balls_per_side without side_force" if value else "no load", _ONE_LOAD)
+        of_crystal = isinstance(at.lattice, CrystalCell)
+        given, one = [kind for kind in LOAD_KINDS if kind in value], _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
+        if not of_crystal and (wrong := [key for key in ("stress", "strain", "times", "gravity") if key in value]):
+            mend = "Describe the balls by the blocks balls and crystal."
+            raise Refused(f"{wrong[0]} of a packing, all contacts of which bear the same", one, mend, (wrong[0],))
+        if not given and not (of_crystal and "gravity" in value):
+            raise Refused("balls_per_side without side_force" if "balls_per_side" in value else "no load", one)
         if len(given) > 1:
-            raise Refused(" and ".join(given), _ONE_LOAD, "Remove all but one.")
+            raise Refused(" and ".join(given), one, "Remove all but one.")
+        if "times" in value and not {"stress", "strain"} & set(given):
+            raise Refused(f"times with {' '.join(given) or 'gravity'}", "times with stress or strain", path=("times",))
         if ("side_force" in value) != ("balls_per_side" in value):
-            raise Refused("side_force alone" if "side_force" in value else f"{given[0]} and balls_per_side", _ONE_LOAD)
+            raise Refused("side_force alone" if "side_force" in value else f"{given[0]} and balls_per_side", one)
     needed = [key for key, field in fields.items() if field.default == NEEDED]
     return block(value, {key: field.kind.rule(at) for key, field in fields.items()}, needed)
 
@@ -331,7 +410,7 @@ class SceneSource:
         if self.document is None:
             return ()
         data = self.document.data
-        spreads = [data["packing"].get("spread"), *data.get("sweep", {}).get("spread", [])]
+        spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         own = () if self.path is None else (self.path,)
         return (*own, *(self.folder / name for spread in spreads if (name := table_named(spread)) is not None))
 
@@ -391,10 +470,13 @@ class SceneSource:
         """
         if self.document is None:
             return self.at()
+        if block == "load":  # the values of a tensor are those by which it is multiplied; gravity may be the only load
+            key = "times" if key in TENSORS and "times" in self.document.data[block] else key
+            key = key if key in self.document.data[block] else "gravity"
         given = self.document.data[block][key]
         path: tuple[str | int, ...] = (block, key)
         found, place = show(given), path
-        if isinstance(given, list):
+        if isinstance(given, list) and key not in TENSORS:
             found, place = show(given[index]), (*path, index)
         elif isinstance(given, dict):
             first, last, points = given["from"], given["to"], given["points"]
@@ -411,9 +493,32 @@ class SceneSource:
         """Read the arguments of a scene that the document gives; SceneError names the first mistake."""
         if self.document is None:
             raise ValueError("there is no document")
-        data: Any = self.document.data
         given = read_blocks(self.document, self.folder)
         drawing, load, own = given.get("phonopy", {}), given["load"], given["packing"]
+        packing = own["arrangement"] if "arrangement" in own else self._make_packing(given)
+        out: dict[str, Any] = {"packing": packing}
+        kind = next((key for key in load if key in LOAD_KINDS), "pressure")
+        with self.at("load", *[kind] * (kind in load)):
+            if kind in TENSORS:
+                out["load"] = Load(**split_tensor(load), gravity=load.get("gravity"))
+            else:
+                out["load"] = Load(kind, load.get(kind, 0.0), load.get("balls_per_side"), gravity=load.get("gravity"))
+        if "band" in drawing or "band_labels" in drawing:
+            with self.at("phonopy", "band_labels"):
+                path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
+                out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
+        named = {"medium": "media", "sweep": "parameters", "observe": "observe", "direction": "direction"}
+        out |= {argument: given[key] for key, argument in named.items() if key in given}
+        out |= {key: made_of(**given[key]) for key, made_of in _WAVES.items() if key in given}
+        out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
+        out |= {"finite_overlap": own["finite_overlap"]} if "finite_overlap" in own else {}
+        return out | {"source": self.path}
+
+    def _make_packing(self, given: Mapping[str, Any]) -> Packing:
+        """Return the packing of the blocks material and packing, with errors placed at their keys."""
+        assert self.document is not None
+        data: Any = self.document.data
+        own = given["packing"]
         # the scales of the ball are made of all three: the one that is farthest from the ordinary is probably wrong
         made = {**given["material"], "diameter": own["diameter"]}
         key = max(_ORDINARY, key=lambda name: abs(math.log(made[name]) - math.log(_ORDINARY[name])))
@@ -437,16 +542,4 @@ class SceneSource:
             found = f"found {show(value)}; allowed: diameters about the packing's, all above zero; "
             with self.at("packing", "spread", kind, before=found):
                 packing = replace(packing, spread=own["spread"])
-        kind = next(key for key in load if key != "balls_per_side")
-        with self.at("load", kind):
-            out: dict[str, Any] = {"packing": packing, "load": Load(kind, load[kind], load.get("balls_per_side"))}
-        if "band" in drawing or "band_labels" in drawing:
-            with self.at("phonopy", "band_labels"):
-                path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
-                out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
-        named = {"medium": "media", "sweep": "parameters", "observe": "observe", "direction": "direction"}
-        out |= {argument: given[key] for key, argument in named.items() if key in given}
-        out |= {key: made_of(**given[key]) for key, made_of in _WAVES.items() if key in given}
-        out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
-        out |= {"finite_overlap": own["finite_overlap"]} if "finite_overlap" in own else {}
-        return out | {"source": self.path}
+        return packing

@@ -27,6 +27,7 @@ from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
+from granphon.media.arrangement import Arrangement, Balls
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, no_simulation
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
@@ -138,7 +139,7 @@ class Plan:
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
 
-    packing: Packing
+    packing: Balls
     load: Load
     _: KW_ONLY
     media: tuple[MediumChoice, ...] = ()
@@ -157,6 +158,7 @@ class Plan:
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        kinds = tuple(dict(self.packing.kinds)) if isinstance(self.packing, Arrangement) else ()
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
         swept = dict(self.parameters).get("lattice", ())
@@ -166,8 +168,9 @@ class Plan:
         if self.mesh is None:
             object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
         if isinstance(self.media, tuple | list) and not self.media:
-            object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
-        at = Context(lattice, written=False)
+            by_default = "crystal" if kinds else "ema" if self.balls_differ else "ala"
+            object.__setattr__(self, "media", by_default)
+        at = Context(lattice, written=False, kinds=kinds)
         for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, require(name, scene_rule(name, at), value))
@@ -365,8 +368,9 @@ class Plan:
             with self.origin.at(*place, before=found + (case.where and f"{case.where}: ")):
                 if "velocities" in self.observe:
                     try:
-                        # the torsion of a Hertz contact depends on the load; how large it is does not matter here
-                        ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
+                        if isinstance(packing, Packing):  # what a crystal's contacts hold is found with its state
+                            # the torsion of a Hertz contact depends on the load; how large it is does not matter here
+                            ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
                     except MechanismError as error:
                         mend = (
                             "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
@@ -550,7 +554,7 @@ class Plan:
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
         structure, dim = self.packing.structure, self.dim
-        if dim is not None and not touch_once_at_most(structure.vectors, dim, 1.0):
+        if dim is not None and isinstance(self.packing, Packing) and not touch_once_at_most(structure.vectors, dim, 1.0):
             # two balls of the supercell would touch through two images
             sizes = ((n,) * structure.periods for n in range(1, 100))
             least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, 1.0))
@@ -560,6 +564,17 @@ class Plan:
                 no_simulation(self.media)
             except InputError as error:
                 raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
+        if isinstance(self.packing, Arrangement):
+            if wrong := [one.label for one in self.media if one.name != "crystal"]:
+                raise Refused(repr(wrong[0]), "crystal, the medium of balls of several kinds", path=("medium",))
+            if wrong := [name for name in ("spectrum", "pulse", *["dos"] * (not self.is_single)) if name in self.observe]:
+                allowed = "velocities and bands of balls of several kinds, of one state also gaps and dos"
+                raise Refused(repr(wrong[0]), allowed, "Its waves in time are those of gp.Waves(state).", ("observe",))
+            if self.packing.crystal.is_held and "velocities" in self.observe:
+                mend = "Long waves move all balls together, which a floor or clamp holds."
+                raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
+        if "gaps" in self.observe and not self.is_single:
+            raise Refused("'gaps' of several states", "gaps of one state", "Observe bands.", ("observe",))
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
         names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
         try:

@@ -105,7 +105,8 @@ def redraw(
         if found.dataset is not None:
             return draw_sweep(found.dataset, target.name, variable)
         lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
-        return draw_spectra(found.bands, found.dos, lattice)
+        gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
+        return draw_spectra(found.bands, found.dos, lattice, gaps or None)
 
     return _draw(target, force, draw, [source], backend)
 
@@ -264,11 +265,15 @@ def _name_kind(path: Path) -> str:
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of a run; no array is simulated again."""
     # imported here, as a figure without asymptotes does not need the media
+    from granphon.balls.packing import Packing
     from granphon.media.loaded_lattice import ideal_lattice
+    from granphon.media.network_state import as_state
     from granphon.media.state import ContactState
     from granphon.scene.scene import Scene
 
     scene = Scene.from_yaml(source / "scene.yaml")
+    if not isinstance(scene.packing, Packing):
+        return as_state(scene.state()).contact_lattice()
     if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
         return ideal_lattice(scene.packing)
     if not scene.media[0].is_exact:

@@ -22,9 +22,9 @@ from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction,
 from granphon.balls.material import read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
-from granphon.balls.parameters import PARAMETERS, Axis, find_double
+from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Quantity, load_quantities
+from granphon.base.quantities import DENSITY, LENGTH, MASS, MODULUS, NUMBER, WIDTH, Quantity, load_quantities
 from granphon.base.text import closest, show
 from granphon.base.validation import (
     Rule,
@@ -45,7 +45,7 @@ from granphon.media.choice import MEDIA, MediumChoice, read_medium
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "dos", "spectrum", "pulse")
+OBSERVABLES = ("velocities", "bands", "gaps", "dos", "spectrum", "pulse")
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 #: the mesh of a density of states for one, two and three periods, if a scene gives none
@@ -70,12 +70,14 @@ class Context:
     ----------
     lattice : of the packing; it says what motions, pressures, samples, directions, paths and meshes there are.
     swept : the lattices of a sweep; motions must be those of each.
+    kinds : names of the kinds of balls of a crystal.
     folder : in which tables named in the file are sought.
     written : whether values stand in a file, where quantities have units; in Python plain numbers are in SI.
     """
 
     lattice: Lattice = TRIANGULAR
     swept: tuple[Lattice, ...] = ()
+    kinds: tuple[str, ...] = ()
     folder: Path = field(default_factory=Path)
     written: bool = True
 
@@ -102,7 +104,7 @@ def quantity(kind: Quantity) -> Kind:
 
 
 @contextmanager
-def _refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
+def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
     """Turn an error of the block into the refusal of the value at ``path``."""
     try:
         yield
@@ -166,7 +168,7 @@ def _read_spread(value: Any, at: Context) -> Any:
     def discrete(value: Any) -> Discrete:
         """Read a block {diameters, fractions} of two lists of the same length."""
         given = block(value, {"diameters": diameters, "fractions": fractions}, ("diameters", "fractions"))
-        with _refusing(given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"):
+        with refusing(given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"):
             return Discrete(**given)
 
     def measured(value: Any) -> Measured:
@@ -174,7 +176,7 @@ def _read_spread(value: Any, at: Context) -> Any:
         if isinstance(value, dict) and "diameters" in value:
             return Measured(block(value, {"diameters": diameters})["diameters"])
         given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
-        with _refusing(given["file"], "a table with a column of diameters"):
+        with refusing(given["file"], "a table with a column of diameters"):
             return Measured.from_csv(at.folder / given["file"], given.get("column"), quoted=False)
 
     rules: dict[str, Rule] = {
@@ -215,12 +217,12 @@ def is_long(given: Any) -> bool:
 # -- what the packing is made of, which a sweep may vary ------------------------------------------------------------
 
 
-def _read_lattice(value: Any) -> str | Lattice:
+def read_lattice(value: Any) -> str | Lattice:
     """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as several are called so."""
     if isinstance(value, dict):  # one ball at the origin if the sites are left out
         rows = partial(each, rule=partial(each, rule=_read_fraction, what="numbers"), what="lists of numbers")
         given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
-        with _refusing(given["name"], "a lattice of balls that touch and do not overlap"):
+        with refusing(given["name"], "a lattice of balls that touch and do not overlap"):
             return Lattice(**given)
     allowed = f"{', '.join(LATTICES)}, or {_OWN_LATTICE}"
     if value == "hexagonal":
@@ -231,7 +233,8 @@ def _read_lattice(value: Any) -> str | Lattice:
         raise Refused(refused.found, allowed, refused.mend) from None
 
 
-def _write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
+def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
+    """Return the name of a built-in lattice, or the block of another."""
     structure = find_lattice(lattice)
     if LATTICES.get(structure.name) == structure:
         return structure.name
@@ -247,8 +250,8 @@ def _read_fraction(value: Any) -> float:
 
 def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
     """Read a list of lattices of one dimension, which a sweep takes in turn."""
-    found: tuple[str | Lattice, ...] = each(value, _read_lattice, "values")
-    with _refusing(value, "lattices of one dimension, each once"):
+    found: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
+    with refusing(value, "lattices of one dimension, each once"):
         Axis.of("lattice", found)
     return found
 
@@ -284,9 +287,9 @@ def _read_torsion(value: Any) -> float | str:
 
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
 PARTS: dict[str, Kind] = {
-    "young_modulus": quantity(MODULUS), "poisson_ratio": Kind.plain(read_poisson_ratio, float),
+    "mass": quantity(MASS), "young_modulus": quantity(MODULUS), "poisson_ratio": Kind.plain(read_poisson_ratio, float),
     "density": quantity(DENSITY), "yield_strength": quantity(MODULUS),
-    "lattice": Kind.plain(_read_lattice, _write_lattice), "diameter": quantity(LENGTH), "width": quantity(WIDTH),
+    "lattice": Kind.plain(read_lattice, write_lattice), "diameter": quantity(LENGTH), "width": quantity(WIDTH),
     "spread": Kind(_read_spread, _write_spread), "friction": Kind.plain(truth, bool), "finite_overlap": Kind.plain(truth),
     "motions": Kind(_read_motions),
     "torsion": Kind.plain(_read_torsion, lambda value: value if isinstance(value, str) else float(value)),
@@ -299,7 +302,10 @@ OWN_SPREAD = Kind(
 
 
 def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    """Read the parameters of the packing that a sweep varies, each with its values, in the order given."""
+    """Read the parameters of the packing, or of kinds of balls, that a sweep varies, with their values, in their order."""
+    if at.kinds:
+        names = [f"{kind}.{name}" for kind in at.kinds for name in KIND_PARAMETERS]
+        return tuple(block(value, {name: partial(_read_axis, name=name, at=at) for name in names}).items())
     if isinstance(value, Mapping) and "lattice" in value:
         at = replace(at, swept=tuple(map(find_lattice, read_lattices(value["lattice"]))))
     return tuple(block(value, {name: partial(_read_axis, name=name, at=at) for name in PARAMETERS}).items())
@@ -307,9 +313,9 @@ def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...
 
 def _read_axis(value: Any, name: str, at: Context) -> tuple[Any, ...]:
     """Read the values of a parameter, each once; numbers also as a single one or a range."""
-    rule = PARTS[name].rule(at)
+    rule = PARTS[name.rpartition(".")[2]].rule(at)
     found: tuple[Any, ...] = (
-        read_values(value, rule) if PARAMETERS[name] else read_lattices(value) if name == "lattice" else
+        read_values(value, rule) if find_unit(name) else read_lattices(value) if name == "lattice" else
         each(value, rule, "values")
     )  # fmt: skip
     if (double := find_double(found)) is not None:
@@ -320,8 +326,8 @@ def _read_axis(value: Any, name: str, at: Context) -> tuple[Any, ...]:
 
 def _write_parameters(given: Sequence[tuple[str, tuple[Any, ...]]], at: Context) -> dict[str, Any] | None:
     def write(name: str, values: tuple[Any, ...]) -> Any:
-        if PARAMETERS[name] and not any(isinstance(value, str) for value in values):
-            return write_values(values, lambda value: PARTS[name].write(value, at))
+        if find_unit(name) and not any(isinstance(value, str) for value in values):
+            return write_values(values, lambda value: PARTS[name.rpartition(".")[2]].write(value, at))
         return [PARTS[name].write(value, at) for value in values]
 
     return {name: write(name, values) for name, values in given} or None
@@ -337,7 +343,7 @@ def load_kind(name: str) -> Kind:
     """Return the kind of the values of a load: the lattice says what a pressure is."""
 
     def read_one(value: Any, at: Context) -> float:
-        own = load_quantities(at.lattice.periods)[name]
+        own = load_quantities(at.lattice.pressed_axes)[name]
         try:
             return own.read(value)
         except Refused as refused:
@@ -349,7 +355,10 @@ def load_kind(name: str) -> Kind:
     return Kind(
         lambda value, at: read_values(value, lambda one: read_one(one, at)),
         lambda load, at: (
-            write_values(load.values, load_quantities(at.lattice.periods)[name].write) if load.kind == name else None
+            # gravity alone is a pressure of zero
+            write_values(load.values, load_quantities(at.lattice.pressed_axes)[name].write)
+            if load.kind == name and any(load.values)
+            else None
         ),
     )
 

@@ -154,7 +154,8 @@ class RunResult:
     given : of a single state, what has been found of it; None after reading it from its folder.
     phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states,
         and after reading the result from its folder, where files hold these.
-    bands, dos : of a single state, frequencies along the path, Hz, and their density of states, 1/Hz; likewise.
+    bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states, 1/Hz, and intervals
+        without a branch, (n, 2) Hz; likewise.
     waves : what was asked for of the waves in the samples of a single state; likewise.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
@@ -166,6 +167,7 @@ class RunResult:
     phonons: Phonons | None = None
     bands: Bands | None = None
     dos: DensityOfStates | None = None
+    gaps: Any = None
     waves: SampleWaves | None = None
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
@@ -245,6 +247,8 @@ class RunResult:
         out |= find_all(of, ("velocities",)) if "velocities" in self.scene.observe else {}
         if self.bands is not None:
             out["top_frequency"] = float(self.bands.frequencies.max())
+        if self.gaps is not None:
+            out["gaps"] = self.gaps.tolist()
         if self.waves is not None and self.waves.pulse is not None:
             out["pulse_distance"] = self.waves.pulse.distance
         known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
@@ -289,7 +293,9 @@ class RunResult:
             return forces_figure(self.state)
         if self.waves is not None and stem in SAMPLE_WAVES:
             return draw_sample_waves(stem, self.waves.results[stem])
-        return draw_spectra(self.bands, self.dos) if stem in ("bands", "dos") else draw_sweep(self.dataset, name)
+        if stem in ("bands", "dos"):
+            return draw_spectra(self.bands, self.dos, gaps=self.gaps)
+        return draw_sweep(self.dataset, name)
 
 
 def run(
@@ -381,7 +387,7 @@ def _describe_alone(
     scene: Plan, target: Path, work: SweepRun, state: ContactState, parts: Sequence[TaskResult], progress: Progress
 ) -> RunResult:
     """Return what a scene observes of a single state; ``parts`` are what was found of its samples."""
-    waves = bands = dos = None
+    waves = bands = dos = gaps = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
     dataset = work.join_alone(analysis, records)
     if records:
@@ -389,20 +395,24 @@ def _describe_alone(
 
         waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
     result = RunResult(scene, target, dataset, analysis, waves=waves)
-    if not {"bands", "dos"} & set(scene.observe):
+    if not {"bands", "dos", "gaps"} & set(scene.observe):
         return result
     from granphon.phonons.phonons import Phonons
 
     with progress.step("force constants"):
         phonons = Phonons(state, dim=scene.dim)
-        _ = phonons.phonopy
+        if set(scene.observe) & {"bands", "dos"}:
+            _ = phonons.phonopy
     if "bands" in scene.observe:
         with progress.step("bands"):
             bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
     if "dos" in scene.observe:
         with progress.step("density of states"):
             dos = phonons.dos(mesh=scene.grid)
-    return replace(result, phonons=phonons, bands=bands, dos=dos)
+    if "gaps" in scene.observe:
+        with progress.step("gaps"):
+            gaps = phonons.gaps()
+    return replace(result, phonons=phonons, bands=bands, dos=dos, gaps=gaps)
 
 
 def is_complete(scene: Plan, folder: str | os.PathLike[str]) -> bool:
@@ -510,11 +520,11 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
 
-def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None) -> Any:
-    """Draw the figure of bands, of a density of states, or of both."""
+def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None, gaps: Any = None) -> Any:
+    """Draw the figure of bands, of a density of states, or of both, with the gaps that are known."""
     from granphon.figures.bands import bands_figure
 
-    return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes)
+    return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes, gaps=gaps)
 
 
 def draw_sample_waves(stem: str, result: Any) -> Any:

@@ -11,11 +11,11 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from granphon.balls.packing import describe_packing
+from granphon.balls.packing import Packing, describe_packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import load_quantities
+from granphon.base.quantities import find_load_unit
 from granphon.base.text import parse_yaml
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -32,14 +32,16 @@ class Scene(Plan):
 
     Attributes
     ----------
-    packing, load : the balls and their arrangement, and the load that presses them.
+    packing, load : the balls and their arrangement, and the load that presses them. Balls of several kinds are an
+        :class:`~granphon.media.arrangement.Arrangement`.
     media : the ways to average over a spread of diameters, one or more; by default "ema" if the balls differ, else "ala".
+        Balls of several kinds have "crystal" alone.
         May be given as names ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
         which always have them.
-    observe : which of "velocities", "bands", "dos", "spectrum", "pulse" to compute; the last two, and the density of states
-        of the array itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "dos", "spectrum", "pulse" to compute; the last two, and the density
+        of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
         for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
@@ -82,8 +84,8 @@ class Scene(Plan):
 
         load, periods = self.load, self.packing.structure.periods
         rows: list[tuple[str, Any, str]] = [
-            *describe_packing(self.packing),
-            (load.kind.replace("_", " "), load.array, load_quantities(periods)[load.kind].unit),
+            *(describe_packing(self.packing) if isinstance(self.packing, Packing) else self.packing.describe()),
+            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, periods)),
             *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
             *(("medium", describe_medium(one.label, periods, self.packing.structure.n_balls), "") for one in self.media),
             *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in self.parameters),

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import PointShape
+from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -197,7 +198,9 @@ class MediaStudy:
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
         by_load = by_force if self.load.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
-        by_width = 1.5 * (by_force - 1.0 / 6.0) if self.load.kind != "overlap" else 0.25 - by_load
+        by_width = EXPONENT * (by_force - FREQUENCY_EXPONENT)
+        if self.load.kind == "overlap":
+            by_width = (EXPONENT - 1.0) / 2.0 - by_load
         return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def make_points(self) -> list[Point]:

@@ -8,7 +8,7 @@ factors would be too large, modes are filtered out of random vectors (:mod:`gran
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.base.validation import not_negative, whole_number
+from granphon.networks.network import ContactNetwork
 from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit, make_too_few
 from granphon.waves.filtering import find_filtered
 from granphon.waves.operator import WaveOperator
@@ -52,6 +53,7 @@ class NetworkModes(Result):
         which is so in a network too large to be factorised, unless the lowest modes are asked for and balls held by contacts
         have few of them, about 48 or less.
     residual : largest ``|D x - omega^2 x|`` / top^2 of a mode x.
+    network : the network whose modes these are.
     """
 
     units = {"frequencies": "Hz"}
@@ -63,6 +65,7 @@ class NetworkModes(Result):
     moving: int
     zero_modes: int | None
     residual: float
+    network: ContactNetwork = field(repr=False)
 
     @property
     def _energies(self) -> Array:
@@ -106,7 +109,13 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     largest = np.argmax(np.abs(pairs.vectors), axis=0)
     vectors *= np.sign(pairs.vectors[largest, np.arange(count)])[:, None, None]
     return NetworkModes(
-        pairs.omega / (2.0 * math.pi), vectors, len(motions.translations), operator.balls.size, pairs.zeros, pairs.residual
+        pairs.omega / (2.0 * math.pi),
+        vectors,
+        len(motions.translations),
+        operator.balls.size,
+        pairs.zeros,
+        pairs.residual,
+        network,
     )
 
 

@@ -235,3 +235,63 @@ def test_a_law_of_a_user_serves_if_its_methods_agree():
     flat = type("Flat", (Quadratic,), {"force": lambda self, overlap: 1.0})
     with pytest.raises(InputError, match="Return an array of numbers of the same shape"):
         check_law(flat(), 5e-3)
+
+
+class Floats:
+    """Hertz's law of floats alone."""
+
+    def energy(self, overlap):
+        return 0.4e9 * max(overlap, 0.0) ** 2.5
+
+    def force(self, overlap):
+        return 1e9 * max(overlap, 0.0) ** 1.5
+
+    def stiffness(self, overlap):
+        return 1.5e9 * math.sqrt(max(overlap, 0.0))
+
+    def stiffness_slope(self, overlap):
+        return 0.75e9 / math.sqrt(overlap) if overlap > 0.0 else 0.0
+
+    def overlap(self, force):
+        return (force / 1e9) ** (2.0 / 3.0)
+
+
+class Unclosed(Floats):
+    """Hertz's law without a word on balls that are apart."""
+
+    energy, force, stiffness = (
+        lambda self, h: 0.4e9 * h**2.5, lambda self, h: 1e9 * h**1.5, lambda self, h: 1.5e9 * np.sqrt(h),
+    )  # fmt: skip
+    stiffness_slope = lambda self, h: 0.75e9 / np.sqrt(h)  # noqa: E731
+
+
+class Bent:
+    """A bond whose force below zero is not the derivative of its energy."""
+
+    def energy(self, overlap):
+        return 0.5e6 * np.asarray(overlap) ** 2
+
+    def force(self, overlap):
+        return 1e6 * np.where(np.asarray(overlap) < 0.0, 2.0, 1.0) * overlap
+
+    def stiffness(self, overlap):
+        return np.full(np.shape(overlap), 1e6)
+
+    def stiffness_slope(self, overlap):
+        return np.zeros(np.shape(overlap))
+
+    def overlap(self, force):
+        return np.asarray(force) / 1e6
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (Floats(), "force of the contact law Floats does not take an array: .*such as np.maximum for max"),
+        (Unclosed(), "force of the contact law Unclosed is not finite below an overlap of 0 m.*np.maximum"),
+        (Bent(), "force of the contact law Bent is -.*, and the derivative of its energy .* at an overlap of -"),
+    ],
+)
+def test_what_a_law_must_say_of_arrays_and_of_balls_that_are_apart(law, said):
+    with pytest.raises(InputError, match=said):
+        check_law(law, 2e-3)

@@ -14,6 +14,8 @@ from scipy.optimize import brentq
 from scipy.special import spherical_jn
 
 import granphon as gp
+from granphon.balls import hertz
+from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.dynamics.local_field import local_field
@@ -401,3 +403,40 @@ def test_mindlin_reduction_of_loads_at_the_ends_of_the_floating_range(tangential
     with mpmath.workdps(30):
         exact = mpmath.cbrt(1 - mpmath.mpf(tangential) / (mpmath.mpf(mu) * mpmath.mpf(normal)))
     assert gp.mindlin_reduction(tangential, normal, mu) == pytest.approx(float(exact), rel=1e-15)
+
+
+def test_reduced_law_is_the_law_with_the_coefficient_one():
+    """What loops over arrays ask, against the methods of HertzLaw: forces, stiffnesses, slopes, energies and inverses."""
+    law, h = HertzLaw(1.0), np.concatenate([-np.geomspace(1e-12, 1.0, 7), [0.0], np.geomspace(1e-12, 1e12, 97)])
+    forces, roots = hertz.press(h.copy())
+    assert_allclose(forces, law.force(h), rtol=1e-15)
+    assert_allclose(hertz.force_of(h), forces, rtol=1e-15)
+    assert_allclose(hertz.force_from(roots), forces, rtol=1e-15)
+    assert_allclose(hertz.stiffness_of(roots), law.stiffness(h), rtol=1e-15)
+    assert_allclose(hertz.stiffness_under(forces), law.stiffness(h), rtol=1e-15)
+    assert_allclose(hertz.slope_of(roots), law.stiffness_slope(h), rtol=1e-15)
+    closed = np.maximum(h, 0.0)
+    assert_allclose(hertz.energy_of(forces, closed), law.energy(h), rtol=1e-15)
+    assert_allclose(hertz.overlap_of(forces), closed, rtol=1e-15)
+    some = forces > 0.0
+    assert_allclose(hertz.overlap_from(forces[some], law.stiffness(h[some])), h[some], rtol=1e-15)
+
+
+@pytest.mark.parametrize("overlap", [-0.3, 0.0, 0.7, 1e4])
+def test_excess_forces_keep_the_digits_that_a_subtraction_loses(overlap):
+    differences = np.array([-1.0, -0.2, 0.5, *(1e-12 * np.array([-1.0, 1.0]))])
+    found, roots = hertz.press_further(overlap, differences.copy())
+    with mpmath.workdps(40):
+        y = mpmath.mpf(overlap)
+        for n, off in enumerate(map(mpmath.mpf, differences.tolist())):
+            h = max(y + off, 0)
+            wanted = h ** mpmath.mpf(1.5) - max(y, 0) ** mpmath.mpf(1.5)
+            assert abs(found[n] - wanted) <= 1e-15 * abs(wanted) * 4
+            assert abs(roots[n] - mpmath.sqrt(h)) <= 1e-15 * mpmath.sqrt(h) * 4
+
+
+@pytest.mark.parametrize("medium", ["AveragedForce", "EffectiveMedium", "ClusterMedium", "DirectSimulation"])
+def test_averages_over_diameters_refuse_balls_with_a_law_of_their_own(medium, steel):
+    crystal = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)], law=gp.PowerLaw(2.0, 1e9))
+    with pytest.raises(InputError, match=r"those of Hertz's law.*\.at_force"):
+        getattr(gp, medium)(crystal)

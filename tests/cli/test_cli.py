@@ -63,7 +63,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, load, medium, sweep, observe, direction, spectrum, pulse, phonopy"
+TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, phonopy"
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 
@@ -201,8 +201,8 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "medium twice": ("medium: ala", "medium: [ema, afa, ema]", 12, "medium", "'ema' twice", "each once", ""),
     "unknown lattice": ("triangular", "triangle", 7, "packing.lattice", "'triangle'", "chain, triangular, square", "'triangular'?"),
     "lattice by another name": ("triangular", "hexagonal", 7, "packing.lattice", "'hexagonal'", "triangular, square", "'triangular'"),
-    "unknown observable": ("[velocities]", "[velocity]", 13, "observe", "'velocity'", "velocities, bands, dos", "'velocities'?"),
-    "no observable": ("[velocities]", "[]", 13, "observe", "an empty list", "velocities, bands, dos", ""),
+    "unknown observable": ("[velocities]", "[velocity]", 13, "observe", "'velocity'", "velocities, bands, gaps, dos", "'velocities'?"),
+    "no observable": ("[velocities]", "[]", 13, "observe", "an empty list", "velocities, bands, gaps, dos", ""),
     "observable twice": ("[velocities]", "[dos, dos]", 13, "observe", "'dos' twice", "each once", ""),
     "observable without a list": ("[velocities]", "dos", 13, "observe", "'dos'", "a list of", "Did you mean [dos]?"),
     "yes for true": ("friction: true", "friction: yes", 9, "packing.friction", "'yes'", "true or false", "Did you mean true?"),
@@ -619,7 +619,7 @@ def test_check_tells_what_will_be_done(work, capsys):
     out = capsys.readouterr().out
     for expected in (
         "E = 211.65 GPa, Poisson ratio 0.276, 7840 kg/m^3", "triangular, balls of 8 mm, with friction", "force 18.446 N",
-        "overlap 1.9392 um", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0 (G K M G), 11 points", "8 x 8", "velocities, bands, dos",
+        "overlap 1.9392 um", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0 (G K M G), 11 points", "8 x 8", "velocities, bands, gaps, dos",
         "scene.yaml, summary.yaml, sweep.nc, sweep.csv, band.yaml, phonopy_params.yaml, dos.csv, bands.png",
     ):  # fmt: skip
         assert expected in out

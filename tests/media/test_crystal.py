@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from ase import Atoms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -475,6 +476,95 @@ class Spring:
         return np.asarray(force) / self.k
 
 
+class Saturating:
+    """A user's law whose force is at most F."""
+
+    F, s = 10.0, 1e-4
+
+    def energy(self, overlap):
+        h = np.maximum(overlap, 0.0)
+        return self.F * (h + self.s * np.expm1(-h / self.s))
+
+    def force(self, overlap):
+        return -self.F * np.expm1(-np.maximum(overlap, 0.0) / self.s)
+
+    def stiffness(self, overlap):
+        return self.F / self.s * np.exp(-np.maximum(overlap, 0.0) / self.s) * (np.asarray(overlap) > 0.0)
+
+    def stiffness_slope(self, overlap):
+        return -self.stiffness(overlap) / self.s
+
+    def overlap(self, force):
+        return -self.s * np.log1p(-np.asarray(force) / self.F)
+
+
+def test_a_law_with_a_largest_force_is_one_up_to_it():
+    state = gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(9.99)
+    assert_allclose(state.overlap, 1e-4 * math.log(1000.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("finite", [False, True])
+def test_bonds_bear_tension_and_are_stiff_without_a_load(finite):
+    """A triangular lattice of springs: f = P d/3^(1/2), v_L^2 = 9/8 k d^2/m, v_T^2 = 3/8 k d^2/m, under any pressure."""
+    crystal = gp.Crystal.on("triangular", [PLAIN], law=Spring(1e6), friction=False)
+    assert not np.any(crystal.at_pressure(0.0, finite_overlap=finite).normal_force)
+    for pressure in (-10.0, 10.0):
+        force = crystal.at_pressure(pressure, finite_overlap=finite).normal_force
+        assert_allclose(force, pressure * PLAIN.diameter / math.sqrt(3.0), rtol=1e-3 if finite else 1e-12)
+    sheared = crystal.at_stress([-10.0, 10.0, 0.0], finite_overlap=finite)
+    assert_allclose(sheared.stress, np.diag([-10.0, 10.0]), atol=1e-9)
+    if not finite:
+        unit = PLAIN.diameter * math.sqrt(1e6 / PLAIN.mass)
+        for pressure in (-10.0, 0.0, 10.0):
+            found = gp.sound_velocities(crystal.at_pressure(pressure)).velocities
+            assert_allclose(found, np.sqrt([3.0 / 8.0, 9.0 / 8.0]) * unit, rtol=1e-12)
+
+
+@pytest.mark.parametrize("force", [1e-12, 1e-9, 1e-3])
+def test_contacts_that_adhere_have_small_means_of_either_sign_of_their_parts(force):
+    """The mean is small against the attraction, so that it has fewer digits."""
+    crystal = gp.Crystal.on("triangular", [PLAIN], law=gp.JKR(0.1))
+    assert_allclose(crystal.at_force(force).normal_force, force, rtol=1e-13, atol=1e-15)
+    assert_allclose(crystal.at_overlap(1e-10).overlap, 1e-10, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("name", "edge", "own", "parts"),
+    [
+        ("fcc", math.sqrt(2.0), [(1, 1, 0), (1, 1, 2), (1, 1, 1)], [1.0 / 2.0, math.sqrt(0.5), math.sqrt(3.0) / 4.0]),
+        ("bcc", math.sqrt(4.0 / 3.0), [(1, 1, -1), (0, 0, 1), (1, 1, 1)], [1.0, math.sqrt(0.5), math.sqrt(3.0)]),
+    ],
+)
+def test_the_planes_of_the_cube_have_other_indices_in_a_primitive_cell(name, edge, own, parts):
+    """Area of the cell of a layer, over that of a face of the cube; and indices that the docstring of cut makes."""
+    crystal, face = gp.Crystal.on(name, [PLAIN]), (edge * PLAIN.diameter) ** 2
+    for plane, indices, part in zip([(0, 0, 1), (1, 1, 0), (1, 1, 1)], own, parts, strict=True):
+        made = crystal.cell @ plane
+        assert_allclose(np.cross(made, indices), 0.0, atol=1e-9 * np.max(np.abs(made)))
+        assert_allclose(crystal.cut(indices, 3).measure / face, part, rtol=1e-12)
+
+
+def test_four_indices_of_a_hexagonal_cell():
+    crystal = gp.Crystal.on("hcp", [PLAIN])
+    for four, three in (((0, 0, 0, 1), (0, 0, 1)), ((1, 0, -1, 0), (1, 0, 0)), ((1, 1, -2, 2), (1, 1, 2))):
+        assert_allclose(crystal.cut(four, 3).positions, crystal.cut(three, 3).positions)
+
+
+@pytest.mark.parametrize(("name", "ratio"), [("NaCl", math.sqrt(2.0) - 1.0), ("CsCl", math.sqrt(3.0) - 1.0)])
+def test_the_smallest_ball_of_a_structure_touches_like_balls_too(name, ratio):
+    """The ratios of radii of Pauling's rules."""
+    crystal = gp.Crystal.on(name, [PLAIN, gp.Ball(STEEL, ratio * PLAIN.diameter)])
+    assert crystal.n_contacts > {"NaCl": 6, "CsCl": 8}[name]
+    with pytest.raises(InputError, match=f"must be {ratio:.4g} or more"):
+        gp.Crystal.on(name, [gp.Ball(STEEL, 0.99 * ratio * PLAIN.diameter), PLAIN])
+
+
+def test_balls_in_a_wrong_unit_are_doubted():
+    state = gp.Crystal.on("fcc", [gp.Ball(STEEL, 8.0)]).at_force(10.0)
+    assert not state.valid
+    assert "diameter of ball A is 8 m, more than 1 m: the unit is probably wrong" in state.warnings[0]
+
+
 def test_a_resonator_on_each_ball_opens_a_gap():
     """Along its spring, the gap at q = 0 reaches from k_r/m_r to k_r (1/m + 1/m_r); here its upper end."""
     small = gp.Ball(STEEL, 4e-3, name="resonator")
@@ -678,7 +768,7 @@ ERRORS = {
     "lattice": (lambda: gp.Crystal.on("cubic", [S]), "unknown lattice 'cubic'. Use chain, .*zincblende"),
     "kinds": (lambda: gp.Crystal.on("fcc", [S, A]), "2 kinds of balls do not go on the 1 site"),
     "sizes": (lambda: gp.Crystal.on("hcp", [S, PLAIN]), "cannot all touch on the hcp lattice"),
-    "cage": (lambda: gp.Crystal.on("NaCl", [S, gp.Ball(STEEL, 3e-3)]), "balls of crystal 'NaCl' overlap"),
+    "cage": (lambda: gp.Crystal.on("NaCl", [S, gp.Ball(STEEL, 3e-3)]), "ball B of 0.003 m is too small .* of 0.00789077 m"),
     "names": (
         lambda: gp.Crystal.on("chain", [gp.Ball(STEEL, 1e-3, name="A"), gp.Ball(STEEL, 2e-3, name="A")]),
         "two kinds are called 'A'",
@@ -698,7 +788,52 @@ ERRORS = {
     "no floor": (lambda: SQUARE.cut(1, 3).at_pressure(1.0, gravity=(0.0, -G)), "stands on nothing"),
     "slides": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=(1.0, -G)), "gravity acts along x"),
     "lifted": (
-        lambda: SQUARE.cut(1, 3, ("floor", "free")).at_pressure(0.0, gravity=(0.0, G)), "cannot bear a pressure of 0",
+        lambda: SQUARE.cut(1, 3, ("floor", "free")).at_pressure(0.0, gravity=(0.0, G)),
+        r"cannot bear a pressure of 0 N/m .* along y, away from the floor .* their weight, 7.732 N/m",
+    ),
+    "lifted down": (
+        lambda: SQUARE.cut(1, 3, ("free", "clamped")).at_pressure(1.0, gravity=(0.0, -G)), "along -y, away from the clamped",
+    ),
+    "pulled as hard": (
+        lambda: gp.Crystal.on("chain", [PLAIN]).at_stress([5.0]), "A pressure above 5 N from all sides in addition would do",
+    ),
+    "no load": (lambda: gp.Phonons(SQUARE), r"has no load. .* Press it, .* crystal.at_force\(...\), in N"),
+    "no load of velocities": (lambda: gp.sound_velocities(SQUARE), "has no load"),
+    "no load of an exponent": (lambda: gp.local_exponent(SQUARE), "has no load"),
+    "no load of a picture": (lambda: gp.plot(SQUARE), "has no load"),
+    "millimetres": (lambda: gp.Crystal([gp.Ball(STEEL, 1e-2)], [[10.0]], [[0.0]]), "is 10 m away.* they look like mm"),
+    "micrometres": (
+        lambda: gp.Crystal([gp.Ball(STEEL, 1e-5)] * 2, 20.0 * np.eye(2), [[0, 0], [10.0, 0]]), "is 10 m .*look like um",
+    ),
+    "kilometres": (lambda: gp.Crystal([gp.Ball(STEEL, 8.0)] * 2, [], [[0.0], [8e-3]]), "Compare the units: diameters, cell"),
+    "no balls": (lambda: gp.Crystal(None, [[8e-3]], [[0.0]]), "the balls are None. Give a list of granphon.Ball"),
+    "set": (lambda: gp.Crystal.on("chain", {S, A}), "Give a list of granphon.Ball"),
+    "called": (lambda: gp.Crystal.on("chain", [S], name=5), "name: found 5; allowed: a name"),
+    "twice": (lambda: gp.Crystal([S, S], [[0.0381]], [[0.0], [0.0381]]), "0 m apart, .* Give each site of the cell once"),
+    "balls of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), S), "Give balls by symbols"),
+    "ball of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), {"Na": 5}), "5 is not a ball"),
+    "no atoms": (lambda: gp.Crystal.from_atoms(Atoms(), {"Na": S}), "there are no atoms"),
+    "no contact": (lambda: SQUARE.repeat((3, 3)).remove(range(8)), "no balls of crystal .* touch"),
+    "no load chosen": (lambda: SQUARE.at_force([1.0, 2.0])[[]], "selects none of the loads"),
+    "cluster": (lambda: gp.Crystal([S, S], [], [[0.0], [19.05e-3]]).at_pressure(1.0), "neither periods nor faces"),
+    "inside out": (
+        lambda: SQUARE.at_strain(-1.5 * np.eye(2), finite_overlap=True), "shortens crystal 'square' by 1.5 of its length",
+    ),
+    "sweep": (lambda: gp.sweep(SQUARE, force=[1.0]), "Give a granphon.Packing, or press this itself"),
+    "moves aside": (
+        lambda: gp.Crystal.on("diamond", [PLAIN], law=gp.PowerLaw(1.0, 1e6)).repeat((2, 2, 2)).remove(0).at_strain(
+            -1e-5 * np.array([1.0, 1.6, 0.2, -0.2, 0.0, 0.5])
+        ), "all contacts are open under the strain",
+    ),
+    "no face": (
+        lambda: gp.Crystal.on("square", [PLAIN]).repeat((2, 1)).cut(1, 3, "floor").remove([0, 1]), "no ball is left",
+    ),
+    "held alone": (lambda: SQUARE.cut(0, 1, "clamped").repeat((3,)).remove([0, 1]), "touch"),
+    "four indices": (lambda: gp.Crystal.on("fcc", [PLAIN]).cut((1, 0, -1, 0), 3), "belong to a hexagonal cell.* Give three"),
+    "wrong third": (lambda: gp.Crystal.on("hcp", [PLAIN]).cut((1, 0, 1, 0), 3), "is minus the sum of the first two"),
+    "largest force": (
+        lambda: gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(20.0),
+        "a contact law does not reach the forces under a mean force of 20 N.* about 20 N",
     ),
     "vector": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G), "gravity has the shape"),
     "axis": (lambda: SQUARE.cut(2, 3), "axis is 2. Give the number of a vector of the cell, 0 to 1"),
@@ -744,7 +879,7 @@ def test_loads_beyond_double_precision_are_refused(finite):
         (crystal.at_pressure, 1e250), (crystal.at_force, 1e300), (crystal.at_overlap, 1e200),
         (crystal.at_stress, -1e300 * np.eye(3)), (crystal.at_strain, -1e200 * np.eye(3)),
     ):  # fmt: skip
-        with pytest.raises(InputError, match=r"beyond double precision|diameter or more"):
+        with pytest.raises(InputError, match=r"beyond double precision|diameter or more|strain above -1"):
             find(value, finite_overlap=finite)
 
 
@@ -800,3 +935,13 @@ def test_laws_of_pairs_may_name_a_defect_and_name_each_pair_once():
         gp.Crystal.on("triangular", [one], law=laws | {("steel", "heavy"): gp.Hertz()})
     with pytest.raises(InputError, match=r"is the class Hertz. Give a law, as Hertz\(...\)"):
         gp.Crystal.on("triangular", [one], law=gp.Hertz)
+
+
+@pytest.mark.parametrize(("name", "finite"), [("NaCl", True), ("NaCl", False), ("square", True), ("fcc", True)])
+def test_bands_of_a_supercell_without_friction_are_folded(name, finite):
+    """Under finite overlap static forces act across contacts, and only some of the rows of C are there."""
+    crystal = gp.Crystal.on(name, [PLAIN, SOFT] if name == "NaCl" else [PLAIN], friction=False)
+    p, q = crystal.periods, np.random.default_rng(3).random((2, crystal.periods))
+    one, many = (gp.Phonons(c.at_force(10.0, finite_overlap=finite)) for c in (crystal, crystal.repeat((2,) * p)))
+    folded = [one.frequencies((q + step) / 2.0) for step in itertools.product((0, 1), repeat=p)]
+    assert_allclose(many.frequencies(q), np.sort(np.concatenate(folded, axis=1), axis=1), rtol=1e-9)

@@ -18,6 +18,10 @@ def network_of(kind):
         network = gp.ContactNetwork.from_lammps(*dumps("balls"), GLASS)
         return replace(network, prestress=True, tangential_force=np.zeros_like(network.normal))
     steel = gp.Material(211.65e9, 0.276, 7840.0)
+    if kind == "kinds":
+        names = ("steel", 'of "glass", clear', "1")
+        balls = [gp.Ball(steel, 8e-3, mass=mass, name=name) for mass, name in zip((1e-3, 2e-3, 3e-3), names, strict=True)]
+        return gp.Crystal.on("chain", balls).repeat((2,)).cut(0, 3, ("floor", "clamped")).at_force(1.0).network
     if kind == "sample":
         packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
         return replace(
@@ -31,7 +35,7 @@ def network_of(kind):
 
 
 @pytest.mark.claim("api-network-tables")
-@pytest.mark.parametrize("kind", ["packing", "sample", "wall"])
+@pytest.mark.parametrize("kind", ["packing", "sample", "wall", "kinds"])
 def test_tables_are_read_as_they_were_written(kind, tmp_path):
     network = network_of(kind)
     network.write_tables(tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv")
@@ -308,3 +312,20 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     found = gp.ContactNetwork.from_table(balls, contacts, material=steel, cell=cell)
     np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
     np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)
+
+
+def test_kinds_of_balls_are_names_or_numbers_of_a_column():
+    """They stay with their balls in parts and repeats of the network."""
+    balls = {"x": [0.0, 2.0, 4.0], "radius": [1.0, 1.0, 1.0], "mass": [1.0, 2.0, 1.0], "type": [7, 3, 7]}
+    contacts = {"i": [0, 1, 2], "j": [1, 2, 0], "normal_force": [1.0] * 3, "normal_stiffness": [1.0] * 3}
+    network = gp.ContactNetwork.from_table(
+        balls, contacts, cell=[6.0], dimension=1, friction=False, columns={"kind": "type"}, keep_rattlers=True
+    )
+    assert network.kinds == ("7", "3", "7")
+    assert network.repeat((2,)).kinds == network.kinds * 2
+    assert network.select([2, 1]).kinds == ("7", "3")
+    assert gp.ContactNetwork.from_dict(network.to_dict()) == network
+    assert gp.ContactNetwork.from_table(balls, contacts, cell=[6.0], friction=False, keep_rattlers=True).kinds is None
+    for kinds, said in ((["7"], "kinds of the ContactNetwork has the shape"), (["7", "=1+1", "7"], "the name of a kind")):
+        with pytest.raises(InputError, match=said):
+            replace(network, kinds=kinds)

@@ -1,0 +1,177 @@
+"""Layers of a lattice across an axis: how a strip, slab or column is cut, for crystals, networks and half spaces alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.contact_table import TOUCH, contact_frames
+from granphon.base.errors import InputError, brief, message
+from granphon.base.text import counted
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: how an edge may be held
+EDGES = ("free", "clamped", "floor")
+#: part of a period across the line or plane in which it lies, but for rounding
+_LEVEL = 1e-12
+#: largest Miller index
+_MOST_INDEX = 100
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Layers that follow each other across an axis of a cell.
+
+    Attributes
+    ----------
+    basis : (p, p) whole numbers that make vectors of the cell: those within a layer, and last that to the next layer.
+    turn : (d, d) rotation after which the periods of a layer lie along x, or in the xy plane.
+    cell : (p - 1, d) periods of a layer, turned.
+    stack : (d,) vector to the next layer, turned; its component along axis p - 1 is above zero.
+    """
+
+    basis: Index
+    turn: Array
+    cell: Array
+    stack: Array
+
+    @classmethod
+    def across(cls, axis: Any, cell: Array) -> Layers:
+        """Find the layers of a ``cell`` (p, d), whose periods lie along x, in the xy plane or in space.
+
+        ``axis`` is the number of the vector along which layers follow each other, or integer Miller indices (p,). Raises
+        :class:`~granphon.base.errors.InputError` for another one, and for a cell without periods.
+        """
+        (p, d), basis = cell.shape, _find_basis(axis, cell)
+        vectors = basis @ cell
+        turn = np.eye(d)
+
+        def turn_upright() -> None:
+            q, r = np.linalg.qr((basis @ cell)[:, :p].T)
+            turn[:p, :p] = (q * np.sign(np.diag(r))).T
+
+        if np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors))) or vectors[-1, p - 1] < 0.0:
+            turn_upright()
+        if np.linalg.det(turn) < 0.0 and p > 1:
+            basis[0] = -basis[0]
+            turn_upright()
+        vectors = basis @ cell @ turn.T
+        inner, stack = vectors[:-1], vectors[-1]
+        inner[:, p - 1 :] = 0.0
+        return cls(basis, turn, inner, stack)
+
+    def split(self, shift: Index) -> tuple[Index, Index]:
+        """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to other cells (n_c, p)."""
+        steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
+        return steps[:, :-1], steps[:, -1]
+
+    def turn_space(self) -> Array:
+        """Return :attr:`turn` as a rotation (3, 3) of space."""
+        turn, d = np.eye(3), len(self.turn)
+        turn[:d, :d] = self.turn
+        return turn
+
+    def unfold(self, i: Index, j: Index, shift: Index, n: int, count: int) -> tuple[Index, Index, Index, Index]:
+        """Return the contacts among ``count`` layers of ``n`` balls each, from those of a cell, ``shift`` (n_c, p).
+
+        They are balls i and j (m,), numbered layer by layer, the row of each in the cell, and its cells (m, p - 1).
+        """
+        inner, rise = self.split(shift)
+        up = np.arange(count)[:, None] + rise
+        layer, row = np.nonzero((up >= 0) & (up < count))
+        return layer * n + i[row], up[layer, row] * n + j[row], row, inner[row]
+
+
+def read_edges(edges: Any) -> tuple[str, str]:
+    """Return how the lower and the upper edge are held, from one word for both or two."""
+    words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
+    if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
+        raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
+    return words[0], words[1]
+
+
+def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> tuple[Index, Index]:
+    """Return the balls of the lower and the upper face of layers of ``n`` balls at ``heights``.
+
+    They are those that a plane would touch, or where the face is clamped, all of the outer layer.
+    """
+    found = []
+    for side, word, first in ((-1.0, edges[0], 0), (1.0, edges[1], len(heights) - n)):
+        top = np.where(np.isfinite(radii), side * heights + radii, -np.inf)  # walls are no balls
+        touched = np.flatnonzero(top >= top.max() - TOUCH * radii[np.isfinite(radii)].max())
+        found.append(first + np.arange(n) if word == "clamped" else touched)
+    return found[0], found[1]
+
+
+def _find_basis(axis: Any, cell: Array) -> Index:
+    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
+    periods = len(cell)
+    if not periods:
+        raise InputError(message("there is no period across which it could be cut", mend="Give what repeats"))
+    whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
+    basis = np.eye(periods, dtype=np.intp)
+    if whole and 0 <= axis < periods:
+        return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
+    given = np.asarray(axis)
+    if given.shape == (4,) and periods == 3:
+        given = _drop_third(given, cell)
+    if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
+        what = f"axis is {brief(axis)}"
+        indices = counted(periods, "Miller index", "Miller indices")
+        raise InputError(message(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"))
+    # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
+    value = (given // np.gcd.reduce(given)).astype(np.intp)
+    while np.count_nonzero(value) > 1:
+        least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
+        for other in np.flatnonzero(value):
+            if other != least:
+                times = int(np.rint(value[other] / value[least]))
+                value[other] -= times * value[least]
+                basis[other] -= times * basis[least]
+    last = int(np.flatnonzero(value)[0])
+    stack = basis[last] * int(np.sign(value[last]))
+    inner = np.delete(basis, last, axis=0)
+    # the shortest vectors within the plane, and the most upright one across it
+    for _ in range(100):
+        before = inner.copy()
+        if len(inner) == 2:
+            inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
+            short = inner[0] @ cell
+            inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
+        if np.array_equal(before, inner):
+            break
+    if len(inner):
+        stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
+    return np.concatenate([inner, stack[None]])
+
+
+def _drop_third(indices: Array, cell: Array) -> Array:
+    """Return the Miller indices h, k, l of the four h, k, i, l of a hexagonal cell, where i = -(h + k)."""
+    a, b, c = cell
+    size, what = float(a @ a), f"axis is {brief(indices.tolist())}"
+    if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (size + float(c @ c)):
+        why = "Four Miller indices belong to a hexagonal cell: two equal vectors at 120 degrees, and one across them"
+        raise InputError(message(what, why, "Give three, one for each vector of the cell"))
+    if indices[0] + indices[1] + indices[2] != 0:
+        raise InputError(message(what, "The third of four Miller indices is minus the sum of the first two", "Mend it"))
+    return indices[[0, 1, 3]]
+
+
+def find_axes(periods: Array) -> Array:
+    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), the first being along the first.
+
+    They are x, y, z where the periods lie along x, or in the xy plane, already.
+    """
+    p, d = periods.shape
+    if not np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods))):
+        return np.eye(d)
+    first = periods[0] / np.linalg.norm(periods[0])
+    if p == 1:
+        return np.array([[float(part[0]) for part in axis[:d]] for axis in contact_frames(first[None])[:d]])
+    normal = np.cross(periods[0], periods[1])
+    normal = normal / np.linalg.norm(normal)
+    return np.array([first, np.cross(normal, first), normal])

@@ -1,0 +1,443 @@
+"""Half spaces: the waves at an edge of a network that goes on without end below it.
+
+Layers of balls, numbered from the edge, couple to the next layers only. So the matrix D(q) of the half space, at a wave
+vector q along the edge, is made of blocks: E_0 of the outer layers, E of all others, and A from each to the next. Its
+Green's function at the edge, G(w) = (w - F)^-1 with w = omega^2, follows from eliminating every other block again and
+again, which doubles the distance that is taken in (M. P. Lopez Sancho, J. M. Lopez Sancho and J. Rubio, J. Phys. F 15, 851,
+1985).
+
+Between the bands a wave of the edge is a pole of G. Within them G has a part that is lost to the bulk, and a resonance of
+the edge leaks: a root w of S = G^-1 near the real axis, below it, has the frequency and half the width of the wave.
+
+The velocity of the long wave is that of the elastic continuum (D. M. Barnett and J. Lothe, J. Phys. F 4, 671, 1974). All is
+in reduced units: length d, stiffness k, mass M.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.errors import GranphonError, InputError, message
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.rows import contact_rows, push_rows
+from granphon.networks.network import ContactNetwork
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.intp]
+#: coupling that is left, over the largest block, at which the elimination has ended; and most steps of it
+_LEFT, _STEPS = 1e-17, 60
+#: numbers of a block that are inverted together
+_TOGETHER = 2**20
+#: wave vectors across the edge from which the edges of bands are sought, and bisections of the golden section
+_ACROSS, _SECTIONS = 48, 40
+#: imaginary parts of w, over the distance to the nearest band, with which M is found outside of bands. Pieces of the crystal
+#: between two walls may have waves at the very w, where the elimination would divide by zero; of the two, the error of
+#: fourth order is left
+_ASIDE = np.array([1e-3, 2e-3])
+#: the same within a band, over the highest w, and the step of a derivative there, over the highest w
+_DAMPED, _STEP = 1e-9, 1e-5
+#: width of a gap, over its upper edge, up to which bands touch; distance from its edges, over its width, in which no wave
+#: is sought
+_NO_GAP, _BORDER = 1e-7, 1e-9
+#: w, over the lowest band, up to which a motion costs nothing
+_STILL = 1e-6
+#: difference of w, over the width of the gap, at which waves are sorted together; and, over w, to which they are polished
+_TWICE, _POLISHED = 1e-9, 1e-14
+#: points of a band from which leaky waves are sought, steps of Newton's method, and change of w over w where it ends
+_IN_BAND, _NEWTON, _SETTLED = 48, 12, 1e-8
+#: phases from block to block at which the topology is found, and a determinant, over the size of its rows, that is zero
+_PHASES, _SINGULAR = 256, 1e-12
+#: half width over frequency up to which a resonance is a leaky wave, and its least energy on top
+_NARROW, _ON_TOP = 0.05, 0.02
+
+
+class EdgeWaves(NamedTuple):
+    """Waves of an edge: the number of the wave vector, w = omega^2 (complex where they leak), and the energy on top."""
+
+    place: Index
+    squares: Complex
+    weight: Array
+
+
+class HalfSpace:
+    """The half space of a network's layers above which there is an edge, in the reduced units of the network.
+
+    ``edge`` is how it is held, as for :meth:`ContactNetwork.cut`; the layers go on from its lower face.
+    """
+
+    def __init__(self, network: ContactNetwork, axis: Any, edge: str = "free") -> None:
+        self.network, self.edge, self.units = network, edge, network.scales
+        self.layers = network.layers_across(axis)
+        periods, p, d = np.flatnonzero(network.pbc), len(self.layers.cell), network.dimension
+        reach = int(np.max(np.abs(self.layers.split(network.shift[:, periods])[1]), initial=0))
+        if not reach:
+            raise InputError(message("no contact joins the layers", "Each would have its own waves", "Choose another axis"))
+        self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))
+        units, moving, spring = self.units, cut.moving, cut.normal_stiffness
+        self.motions: Motions = select_motions(
+            cut.shear_stiffness, cut.torsion_stiffness, cut.bending_stiffness, allowed_motions(d)[cut.motions]
+        )
+        self.per_layer = int(np.count_nonzero(network.moving))
+        self.size = reach * self.per_layer * self.motions.count
+        masses, inertias = np.where(moving, cut.masses, 1.0), np.where(moving, cut.inertias, 0.0)
+        gyration = np.where(moving, np.sqrt(inertias / masses) / units.length, 1.0)
+        ratios = (one / (spring * units.length**2) for one in (cut.torsion_stiffness, cut.bending_stiffness))
+        rows = contact_rows(
+            cut.normal[:, :d], cut.arm_i / units.length, cut.arm_j / units.length, self.motions,
+            slip=cut.shear_stiffness / spring, **dict(zip(("twist", "roll"), ratios, strict=True)),
+            gyration_i=gyration[cut.i], gyration_j=gyration[cut.j],
+        )  # fmt: skip
+        stiff = [row.stiffness * spring / units.stiffness for row in rows]
+        if cut.prestress:
+            if cut.tangential_force is not None and np.any(cut.tangential_force):
+                raise InputError(
+                    message("the network has static tangential forces", "With prestress, they have no potential")
+                )
+            rows_across = push_rows(cut.normal[:, :d], self.motions)
+            rows += rows_across
+            stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(rows_across)
+        # C(q) is the sum over steps s along the edge of C_s exp(i q.s): tails are at s = 0. Kept are the contacts that reach
+        # into the two outer blocks, which are those of three
+        number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
+        lower = np.minimum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
+        kept = np.flatnonzero(lower < 2)
+        steps, of_step = np.unique(np.pad(cut.shift[kept], ((1, 0), (0, 0))), axis=0, return_inverse=True)
+        self._steps, count = steps[:, :p], self.motions.count
+        root = 1.0 / np.sqrt(np.where(moving, cut.masses / units.mass, np.inf))
+        matrix = np.zeros((len(steps), len(rows), len(kept), int(number.max()) + 1, count))
+        for place, row in enumerate(rows):
+            for part, end, at in ((-row.tail, cut.i, of_step.ravel()[0]), (row.head, cut.j, of_step.ravel()[1:])):
+                ball = end[kept]
+                matrix[at, place, np.arange(len(kept)), number[ball]] += part[kept] * root[ball][:, None]
+        columns = 3 * self.size // count
+        self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
+        self._stiff: Array = np.concatenate([np.broadcast_to(one, len(spring))[kept] for one in stiff])
+        self._whole = np.tile(lower[kept] == 1, len(rows))
+
+    def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
+        """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of the reciprocal cell."""
+        size = self.size
+        phase = np.exp(2.0j * np.pi * (q @ self._steps.T))
+        rows: Complex = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
+        whole = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
+        return whole[:, :size, :size], whole[:, size:, size:], whole[:, :size, size:]
+
+    @cached_property
+    def highest(self) -> float:
+        """A bound of all squared frequencies, k/M."""
+        rows = np.abs(self._matrix).sum(axis=0)
+        return float((rows.T @ (np.abs(self._stiff) * rows.sum(axis=1))).max())
+
+    def _eliminate(self, own: Complex, inner: Complex, hop: Complex, place: Index, w: Complex) -> tuple[Complex, Complex]:
+        """Return w - F of the outer block, and of one that has others on both sides, (n, m, m), for blocks of ``place``."""
+        size = own.shape[1]
+        out, eye = np.empty((2, len(w), size, size), complex), np.eye(size)
+        together = max(1, _TOGETHER // (12 * size**2))
+        for first in range(0, len(w), together):
+            part = slice(first, first + together)
+            at, here = place[part], w[part, None, None] * eye
+            top, bulk, down = own[at].copy(), inner[at].copy(), hop[at]
+            pair = np.concatenate([down, down.conj().swapaxes(1, 2)], axis=1)  # A on top of B
+            left = np.arange(len(at))
+            for _ in range(_STEPS):
+                both = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
+                met = pair @ np.linalg.solve(here[left] - bulk[left], both)
+                through, back = met[:, :size, size:], met[:, size:, :size]  # A g B and B g A
+                top[left] += through
+                bulk[left] += through + back
+                pair = np.concatenate([met[:, :size, :size], met[:, size:, size:]], axis=1)
+                going = np.max(np.abs(through) + np.abs(back), axis=(1, 2)) > _LEFT * self.highest
+                if not np.all(going):
+                    left, pair = left[going], pair[going]
+                if not left.size:
+                    break
+            out[:, part] = here - top, here - bulk
+        return out[0], out[1]
+
+    def inverse_green(self, q: Array, place: Index, w: Complex) -> Complex:
+        """Return S = w - F of the outer layers, (n, size, size), at wave vectors ``q[place]`` and w (n,)."""
+        return self._eliminate(*self.blocks(q), place, w)[0]
+
+    def bands(self, q: Array) -> Array:
+        """Return the lowest and the highest w (n_q, size, 2) of each branch at q (n_q, p - 1), over all across the edge."""
+        _, inner, hop = self.blocks(q)
+
+        def solve(at: Index, angle: Array) -> Array:
+            turned = hop[at] * np.exp(1j * angle)[:, None, None]
+            return np.linalg.eigvalsh(inner[at] + turned + turned.conj().swapaxes(1, 2))
+
+        n, size = len(q), self.size
+        grid = 2.0 * np.pi * np.arange(_ACROSS) / _ACROSS
+        values = solve(np.repeat(np.arange(n), _ACROSS), np.tile(grid, n)).reshape(n, _ACROSS, size)
+        sign = np.array([1.0, -1.0])
+        start = grid[np.argmin(values[..., None] * sign, axis=1)].reshape(-1)  # (n, size, 2)
+        place = np.repeat(np.arange(n), 2 * size)
+        branch, signs = np.tile(np.repeat(np.arange(size), 2), n), np.tile(sign, n * size)
+        golden, step = 0.5 * (math.sqrt(5.0) - 1.0), 2.0 * np.pi / _ACROSS
+        low, high = start - step, start + step
+        best = signs * solve(place, start)[np.arange(len(place)), branch]
+        x = np.stack([high - golden * (high - low), low + golden * (high - low)])
+        f = [signs * solve(place, one)[np.arange(len(place)), branch] for one in x]
+        for _ in range(_SECTIONS):
+            left = f[0] < f[1]
+            low, high = np.where(left, low, x[0]), np.where(left, x[1], high)
+            new = np.where(left, high - golden * (high - low), low + golden * (high - low))
+            found = signs * solve(place, new)[np.arange(len(place)), branch]
+            x = np.where(left, [new, x[0]], [x[1], new])
+            f = [np.where(left, found, f[1]), np.where(left, f[0], found)]
+            best = np.minimum(best, found)
+        return (signs * best).reshape(n, size, 2)
+
+    # -- waves of the edge --------------------------------------------------------------------------------------------------
+
+    def _find_gaps(self, q: Array, inside: bool = False) -> tuple[Index, Array]:
+        """Return intervals of w without a band, or those inside of bands: the wave vector of each, and (2, n) its ends."""
+        place, ends = [], []
+        for at, each in enumerate(self.bands(q)):
+            order = each[np.argsort(each[:, 0])]
+            below = np.concatenate([[0.0], np.maximum.accumulate(order[:, 1]).clip(0.0)])
+            above = np.append(order[:, 0], 1.01 * self.highest)
+            clear = above - below > _NO_GAP * above
+            found = list(zip(below[clear], above[clear], strict=True))
+            if inside:
+                tops, bottoms = [0.0, *(high for _, high in found)], [*(low for low, _ in found)]
+                found = [(a, b) for a, b in zip(tops, bottoms, strict=False) if b - a > _NO_GAP * b]
+            place += [at] * len(found)
+            ends += found
+        low, high = np.array(ends).reshape(-1, 2).T
+        margin = _BORDER * (high - low)
+        # motions that cost nothing are no waves
+        return np.array(place, np.intp), np.stack([np.maximum(low + margin, _STILL * high), high - margin])
+
+    def find_waves(self, q: Array) -> EdgeWaves:
+        """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
+
+        The half space is a crystal without an edge, changed by V in the two blocks that an edge parts. Waves of both edges
+        are where M(w) = sign(V) - |V|^1/2 g |V|^1/2 is singular, g being the Green's function of the crystal. In a gap M is
+        smooth and its eigenvalues rise, so that each has one zero if its sign changes over the gap, and none otherwise.
+        """
+        own, inner, hop = self.blocks(q)
+        size = self.size
+        change, block, across = (np.zeros((len(q), 2 * size, 2 * size), complex) for _ in range(3))
+        for one in (change, block):
+            sign = -1.0 if one is change else 1.0
+            one[:, :size, size:], one[:, size:, :size] = sign * hop, sign * hop.conj().swapaxes(1, 2)
+        change[:, size:, size:] = own - inner
+        block[:, :size, :size] = block[:, size:, size:] = inner
+        across[:, size:, :size] = hop
+        strength, basis = np.linalg.eigh(change)
+        signs = np.where(strength < 0.0, -1.0, 1.0)
+        root = basis * np.sqrt(np.abs(strength))[:, None]
+
+        def find(place: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
+            """Return M, its derivative by w, and what moves in both blocks, g |V|^1/2."""
+            nearest = np.minimum(w - gap[0], gap[1] - w).clip(_BORDER * (gap[1] - gap[0]))
+            aside, both = np.outer(_ASIDE, nearest), np.tile(place, 2)
+            green = np.linalg.inv(self._eliminate(block, block, across, both, (w + 1j * aside).ravel())[1])
+            green, turned = (one.reshape(2, -1, 2 * size, 2 * size) for one in (green, green.conj().swapaxes(1, 2)))
+            even, odd = 0.5 * (green + turned), (green - turned) / (2j * aside[:, :, None, None])
+            level, slope = ((4.0 * one[0] - one[1]) / 3.0 for one in (even, odd))
+            left, moved = root[place].conj().swapaxes(1, 2), level @ root[place]
+            return signs[place, None] * np.eye(2 * size) - left @ moved, -left @ slope @ root[place], moved
+
+        def rising(place: Index, w: Array, gap: Array) -> Array:
+            return np.asarray(np.linalg.eigvalsh(find(place, w, gap)[0]), float)
+
+        place, gap = self._find_gaps(q)
+        ends = np.stack([rising(place, one, gap) for one in gap])
+        row, branch = np.nonzero((ends[0] < 0.0) & (ends[1] > 0.0))
+        place, gap, w = place[row], gap[:, row], np.zeros(len(row))
+        if not row.size:
+            return EdgeWaves(place, np.zeros(0, complex), np.zeros(0))
+        low, high = gap.copy()
+        f_low, f_high = ends[:, row, branch]
+        going, side = np.arange(len(row)), np.zeros(len(row))
+        for step in range(_SECTIONS * 3):
+            if not going.size:
+                break
+            # false position with the weights of the Illinois rule, and a bisection at every third step
+            a, b, fa, fb = low[going], high[going], f_low[going], f_high[going]
+            x = 0.5 * (a + b) if step % 3 == 2 else (a * fb - b * fa) / (fb - fa)
+            x = np.clip(x, a, b)
+            value = rising(place[going], x, gap[:, going])[np.arange(len(going)), branch[going]]
+            up = value > 0.0
+            again = np.where(up, 1.0, -1.0) == side[going]
+            high[going], low[going] = np.where(up, x, b), np.where(up, a, x)
+            f_high[going] = np.where(up, value, np.where(again, 0.5 * fb, fb))
+            f_low[going] = np.where(up, np.where(again, 0.5 * fa, fa), value)
+            side[going], w[going] = np.where(up, 1.0, -1.0), x
+            going = going[(high[going] - low[going] > _POLISHED * x) & (value != 0.0)]
+        return self._sort_sides(find, place, w, gap)
+
+    def _sort_sides(self, find: Any, place: Index, w: Array, gap: Array) -> EdgeWaves:
+        """Return those waves that are of this edge, not of the one beyond the cut, with their energy on top."""
+        size, found = self.size, []
+        order = np.lexsort((w, place))
+        new = np.ones(len(w), bool)
+        new[1:] = (np.diff(place[order]) > 0) | (np.diff(w[order]) > _TWICE * (gap[1] - gap[0])[order][1:])
+        for members in np.split(order, np.flatnonzero(new)[1:]):
+            at, here = place[members[:1]], np.mean(w[members])
+            (matrix,), (slope,), (moved,) = find(at, np.array([here]), gap[:, members[:1]])
+            values, vectors = np.linalg.eigh(matrix)
+            free = vectors[:, np.argsort(np.abs(values))[: len(members)]]
+            # of a wave of this edge, nothing moves beyond the cut
+            top, beyond = (part.conj().T @ part for part in (moved[size:] @ free, moved[:size] @ free))
+            scale = np.linalg.inv(np.linalg.cholesky(top + beyond))
+            share, turned = np.linalg.eigh(scale @ top @ scale.conj().T)
+            for one in (free @ scale.conj().T @ turned).T[share > 0.5]:
+                energy = float((one.conj() @ slope @ one).real)
+                found.append((at[0], here, float(np.sum(np.abs(moved[size:] @ one) ** 2)) / energy))
+        table = np.array(found).reshape(-1, 3)
+        return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
+
+    def find_leaky_waves(self, q: Array) -> EdgeWaves:
+        """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
+        place, gap = self._find_gaps(q, inside=True)
+        three, top = np.array([-1.0, 0.0, 1.0]), self.highest
+
+        def solve(place: Index, w: Array) -> tuple[Complex, Array]:
+            at = np.asarray((w + _STEP * top * three[:, None]).ravel() + 1j * _DAMPED * top, complex)
+            low, middle, high = self.inverse_green(q, np.tile(place, 3), at).reshape(3, len(w), self.size, self.size)
+            slope = (high - low) / (2.0 * _STEP * top)
+            values, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
+            norm = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
+            return values, np.sum(np.abs(vectors) ** 2, axis=1) / norm
+
+        # denser towards the edges of the bands
+        part = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_IN_BAND) + 0.5) / _IN_BAND))
+        x = (gap[0] + (gap[1] - gap[0]) * part[:, None]).ravel()
+        place, gap = np.tile(place, _IN_BAND), np.tile(gap, _IN_BAND)
+        wide = 2.0 * (gap[1] - gap[0]) / _IN_BAND
+        offset = solve(place, x)[0] if len(x) else np.zeros((0, self.size), complex)
+        row, column = np.nonzero((np.abs(offset.real) <= wide[:, None]) & (np.abs(offset.imag) < 2.0 * _NARROW * x[:, None]))
+        place, gap, shift = place[row], gap[:, row], offset[row, column]
+        w, weight, size = np.clip(x[row] + shift.real, *gap), np.zeros(len(row)), np.full(len(row), np.inf)
+        going = np.arange(len(row))
+        for _ in range(_NEWTON):
+            if not going.size:
+                break
+            offset, parts = solve(place[going], w[going])
+            best = np.argmin(np.abs(offset), axis=1)
+            shift[going], weight[going] = (one[np.arange(len(going)), best] for one in (offset, parts))
+            moved = w[going] + shift[going].real
+            inside = (moved >= gap[0, going]) & (moved <= gap[1, going])
+            size[going] = np.where(inside, np.abs(shift[going].real), np.inf)
+            w[going[inside]] = moved[inside]
+            going = going[inside & (size[going] > _SETTLED * w[going])]
+        narrow = (np.abs(shift.imag) < 2.0 * _NARROW * w) & (shift.imag <= _SETTLED * top)
+        kept = np.flatnonzero((size <= _SETTLED * w) & narrow & (weight > _ON_TOP))
+        kept = kept[np.lexsort((w[kept], place[kept]))]
+        fresh = np.ones(len(kept), bool)
+        fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _SETTLED * top)
+        kept = kept[fresh]
+        return EdgeWaves(place[kept], w[kept] + 1j * shift[kept].imag, weight[kept])
+
+    # -- topology ----------------------------------------------------------------------------------------------------------
+
+    def _find_rows(self, q: Array) -> Complex:
+        """Return K^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n phases from block to block.
+
+        A contact of two blocks is one of the lower.
+        """
+        size, parts = self.size, np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, self._whole], 1)
+        phase = np.exp(2.0j * np.pi * np.arange(_PHASES) / _PHASES)[:, None, None]
+        rows = parts[:, size : 2 * size] + phase * parts[:, 2 * size :]
+        return np.asarray(np.sqrt(self._stiff[self._whole].astype(complex))[:, None] * rows)
+
+    def zak_phase(self, q: Array, below: int) -> float:
+        """Return the Zak phase of all but the ``below`` lowest branches at q (p - 1,), 0 to 2 pi (J. Zak, Phys. Rev. Lett.
+        62, 2747, 1989).
+
+        It is that of the motions of the balls where an edge is held, and of the deformations of contacts where it is free,
+        as each edge leaves whole cells of these.
+        """
+        rows = self._find_rows(q)
+        kept = slice(below, None)
+        if self.edge == "free":
+            kept = slice(below - self.size, None)
+            rows = rows.conj().swapaxes(1, 2)
+        _, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ rows)
+        shape = vectors[:, :, kept]
+        steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
+        return float(-np.angle(np.prod(steps / np.abs(steps))) % (2.0 * np.pi))
+
+    def winding(self, q: Array) -> int:
+        """Return how often det C winds about zero at q (p - 1,), which is the number of motions at a free edge that cost
+        nothing (C. L. Kane and T. C. Lubensky, Nature Physics 10, 39, 2014).
+
+        Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant vanishes.
+        """
+        rows = self._find_rows(q)
+        if rows.shape[1] != rows.shape[2]:
+            what = f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as many"
+            raise InputError(message(what, "C has no determinant", "Take an isostatic lattice"))
+        found, size = np.linalg.det(rows), np.prod(np.linalg.norm(rows, axis=2), axis=1)
+        turns = np.angle(np.roll(found, -1) * found.conj())
+        if np.any(np.abs(found) <= _SINGULAR * size) or np.max(np.abs(turns)) > 0.5 * np.pi:
+            raise InputError(message("det C vanishes, or nearly, at this wave vector", mend="Take another one"))
+        return int(np.rint(turns.sum() / (2.0 * np.pi)))
+
+    # -- long waves ---------------------------------------------------------------------------------------------------------
+
+    def rayleigh_velocity(self, direction: Array) -> float:
+        """Return the velocity of the long wave at a free edge along ``direction`` (p - 1,), in the frame of the cut.
+
+        The surface impedance Z(v), which is Hermitian, is singular there; it is positive at v = 0, and falls with v up to
+        the velocity at which a bulk wave first runs along the edge. Raises :class:`~granphon.base.errors.InputError` for an
+        edge that is held, and if there is no such wave.
+        """
+        if self.edge != "free":
+            raise InputError(message(f"the edge is held ({self.edge})", "Long waves there are none", "Take edge='free'"))
+        lattice = ContactLattice.from_network(self.network)
+        p, moves = lattice.periods, lattice.motions.translations
+        lattice.require_rigid()
+        if p < 2 or not set(range(p)) <= set(moves):
+            raise InputError(message("the balls do not move along the edge and across it", mend="Use other motions"))
+        inside = [moves.index(axis) for axis in range(p)]
+        turn = self.layers.turn[:p, :p]
+        if not np.allclose(np.abs(np.linalg.det(turn)), 1.0):
+            raise InputError(message("the periods of the network do not lie along x, or in the xy plane", mend="Turn it"))
+        stiffness = lattice.gradient_stiffness()[np.ix_(inside, range(p), inside, range(p))] / lattice.measure
+        tensor = np.einsum("ai,bj,ck,dl,ijkl->abcd", turn, turn, turn, turn, stiffness)
+        density = float(lattice.masses.sum()) / lattice.measure
+        along, normal = np.append(direction, 0.0), np.eye(p)[-1]
+
+        def forms(v: float) -> tuple[Array, Array, Array]:
+            own = np.einsum("ijkl,j,l->ik", tensor, along, along) - density * v * v * np.eye(p)
+            return own, np.einsum("ijkl,j,l->ik", tensor, along, normal), np.einsum("ijkl,j,l->ik", tensor, normal, normal)
+
+        def slowest(angle: float) -> float:
+            way = math.cos(angle) * along + math.sin(angle) * normal
+            squared = np.linalg.eigvalsh(np.einsum("ijkl,j,l->ik", tensor, way, way))[0] / density
+            return math.sqrt(max(float(squared), 0.0)) / math.cos(angle)
+
+        def impedance(v: float) -> float:
+            # displacements a exp(i (m + p n).x), with the roots p that decay below the edge, and their tractions
+            own, mixed, inner = forms(v)
+            inverse = np.linalg.inv(inner)
+            system = np.block([[-inverse @ mixed.T, inverse], [mixed @ inverse @ mixed.T - own, -mixed @ inverse]])
+            roots, vectors = np.linalg.eig(system)
+            chosen = np.argsort(-roots.imag)[:p]
+            shape, force = vectors[:p, chosen], vectors[p:, chosen]
+            found = -1j * force @ np.linalg.inv(shape)
+            return float(np.linalg.eigvalsh(0.5 * (found + found.conj().T))[0])
+
+        from scipy.optimize import brentq, minimize_scalar
+
+        grid = np.linspace(-1.4, 1.4, 281)
+        at = float(grid[int(np.argmin([slowest(one) for one in grid]))])
+        limit = float(
+            minimize_scalar(slowest, bounds=(at - 0.01, at + 0.01), method="bounded", options={"xatol": 1e-12}).fun
+        )
+        ends = 1e-3 * limit, (1.0 - 1e-9) * limit
+        signs = [impedance(one) for one in ends]
+        if not signs[0] * signs[1] < 0.0:
+            raise GranphonError(message("no long wave runs along this edge", mend="Choose another direction"))
+        return float(brentq(impedance, *ends, xtol=1e-15 * limit, rtol=1e-15))

@@ -1,0 +1,335 @@
+"""Balls of several kinds and how they are arranged, as a scene says it: the crystal that it makes, and its medium.
+
+An arrangement stands where a scene, a sweep and their tasks have a packing, so that there is one path for both. Unlike a
+crystal it is plain data: balls can be changed, and the crystal is then made anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import InitVar, dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.ball import Ball
+from granphon.balls.contact_laws import Hertz
+from granphon.balls.contact_table import ContactTable
+from granphon.balls.lattices import Lattice
+from granphon.balls.loads import Load
+from granphon.balls.motions import Motions
+from granphon.balls.packing import Packing, given_packing
+from granphon.balls.parameters import KIND_PARAMETERS
+from granphon.base.errors import InputError, message
+from granphon.base.text import closest
+from granphon.media.crystal import Crystal, CrystalState
+from granphon.media.medium import MediumBase
+from granphon.media.network_state import NetworkStates
+
+Array = NDArray[np.float64]
+#: balls of a crystal up to which its states are found when a scene is only checked
+_QUICK_BALLS = 500
+
+
+@dataclass(frozen=True)
+class CrystalCell(Lattice):
+    """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances across the periods."""
+
+    def __post_init__(self) -> None:
+        """Take the cell as it is: a crystal is checked when it is made."""
+
+    @classmethod
+    def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
+        """Return the cell of a crystal."""
+        p, places = crystal.periods, crystal.positions.copy()
+        places[:, :p] = places[:, :p] @ np.linalg.inv(crystal.cell[:, :p])
+        places[:, p:] /= diameter
+        cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (crystal.cell / diameter, places)))
+        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces))
+        return cell
+
+    @property
+    def pressed_axes(self) -> int:
+        """Number of axes along which a pressure acts: the periods, and those across which the crystal was cut."""
+        return int(self.__dict__["_pressed"])
+
+    @cached_property
+    def contacts(self) -> ContactTable:
+        """The contacts of the crystal, in m."""
+        raise NotImplementedError  # of() has set them
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Balls of several kinds and how they are arranged: the blocks ``balls`` and ``crystal`` of a scene.
+
+    Attributes
+    ----------
+    kinds : the name of each kind, and its :class:`~granphon.Ball`.
+    lattice : name of the lattice, or the :class:`~granphon.Lattice`, on whose sites the kinds of ``order`` follow each other
+        by name; None where ``cell`` and ``sites`` are given.
+    cell, sites : vectors along which the crystal repeats, m; the place of each ball, m, with the name of its kind.
+    repeat : numbers of cells of the supercell; then ``cut`` : axis, number of layers and edges of each cut, in turn;
+        ``replace`` : number of a ball of what was cut, and the kind that takes its place; ``remove`` : numbers of balls.
+    law : the contact law, or the items of a mapping of pairs of kinds to laws.
+    friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`.
+    given : the crystal itself, if it was not made of the others.
+
+    Raises
+    ------
+    InputError : what makes no crystal.
+    """
+
+    kinds: tuple[tuple[str, Ball], ...]
+    lattice: str | Lattice | None = None
+    order: tuple[str, ...] = ()
+    cell: tuple[tuple[float, ...], ...] = ()
+    sites: tuple[tuple[tuple[float, ...], str], ...] = ()
+    repeat: tuple[int, ...] = ()
+    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
+    replace: tuple[tuple[int, str], ...] = ()
+    remove: tuple[int, ...] = ()
+    law: Any = field(default_factory=Hertz)
+    friction: bool = True
+    motions: str | None = None
+    torsion: float | str = 0.0
+    bending: float = 0.0
+    given: InitVar[Crystal | None] = None
+
+    @classmethod
+    def of(cls, crystal: Crystal) -> Arrangement:
+        """Return the arrangement that is a crystal; its faces stand as cuts of no layers."""
+        names = np.array(crystal.names, object)[crystal.kind].tolist()
+        return cls(
+            tuple(zip(crystal.names, crystal.kinds, strict=True)), cell=tuple(map(tuple, crystal.cell.tolist())),
+            sites=tuple(zip(map(tuple, crystal.positions.tolist()), names, strict=True)),
+            cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
+            law=tuple(crystal.law.items()) if isinstance(crystal.law, Mapping) else crystal.law,
+            **{name: getattr(crystal, name) for name in ("friction", "motions", "torsion", "bending")}, given=crystal,
+        )  # fmt: skip
+
+    def __post_init__(self, given: Crystal | None) -> None:
+        self.__dict__["_is_given"] = given is not None
+        if given is not None:
+            self.__dict__["crystal"] = given
+        if not self.crystal.periods:
+            what, why = "the crystal repeats nowhere", "Scenes compute what waves do along periods"
+            raise InputError(message(what, why, "Take gp.Crystal and gp.Waves, or leave a period"))
+
+    @cached_property
+    def crystal(self) -> Crystal:
+        """The crystal."""
+        balls = {name: replace(ball, name=name) for name, ball in self.kinds}
+        law = dict(self.law) if isinstance(self.law, tuple) else self.law
+        options = {name: getattr(self, name) for name in ("friction", "motions", "torsion", "bending")} | {"law": law}
+
+        def find(name: str) -> Ball:
+            if name not in balls:
+                guess = closest(name, balls)
+                what = f"there is no kind of ball {name!r}"
+                mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
+                raise InputError(message(what, mend=mend))
+            return balls[name]
+
+        if self.lattice is None:
+            places = [list(place) for place, _ in self.sites]
+            found = Crystal([find(name) for _, name in self.sites], self.cell, places, name="crystal", **options)
+        else:
+            found = Crystal.on(self.lattice, [find(name) for name in self.order or tuple(balls)], **options)
+        if self.repeat:
+            found = found.repeat(self.repeat)
+        for axis, layers, edges in self.cut:
+            found = found.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
+        for index, name in self.replace:
+            found = found.replace(index, find(name))
+        return found.remove(list(self.remove)) if self.remove else found
+
+    # -- what a packing has too -------------------------------------------------------------------------------------------
+
+    @property
+    def diameter(self) -> float:
+        """Mean diameter, m."""
+        return 2.0 * float(np.mean(self.crystal.radii))
+
+    @cached_property
+    def structure(self) -> Lattice:
+        """The cell, in units of the mean diameter."""
+        return CrystalCell.of(self.crystal, self.diameter)
+
+    @property
+    def ball_motions(self) -> Motions:
+        """The motions of each ball."""
+        return self.crystal.ball_motions
+
+    @property
+    def width(self) -> float:
+        """Width of the distribution of diameters about that of their kind, m: none."""
+        return 0.0
+
+    @property
+    def spread(self) -> None:
+        """The distribution of diameters about that of their kind: none."""
+        return None
+
+    @property
+    def mass(self) -> float:
+        """Mean mass of a ball, kg."""
+        return float(np.mean(self.crystal.masses))
+
+    @property
+    def mindlin_ratio(self) -> float | None:
+        """Ratio of the shear to the normal stiffness; None if contacts do not have it in common."""
+        ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
+        return float(ratios[0]) if np.ptp(ratios) <= 1e-12 else None
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of what describes it, as a notebook shows them."""
+        crystal, rows = self.crystal, list[tuple[str, Any, str]]()
+        for name, ball in self.kinds:
+            rows += [(f"diameter of {name}", ball.diameter, "m"), (f"mass of {name}", ball.mass, "kg")]
+        counts = [np.count_nonzero(crystal.kind == number) for number in range(len(crystal.kinds))]
+        balls = ", ".join(f"{count} {name}" for count, name in zip(counts, crystal.names, strict=True))
+        return [*rows, ("crystal", crystal.name, ""), ("balls of the cell", balls, ""), ("friction", self.friction, "")]
+
+    def change(self, values: Mapping[str, Any]) -> Arrangement:
+        """Return the arrangement with other values of parameters of kinds, {"A.diameter": 8e-3}.
+
+        A mass that was given stays if the material or the diameter changes. The diameter of a kind changes the distances of
+        balls, so that they must lie on a lattice.
+        """
+        balls = dict(self.kinds)
+        for name, value in values.items():
+            kind, _, own = name.rpartition(".")
+            if kind not in balls or own not in KIND_PARAMETERS:
+                allowed = ", ".join(f"{one}.{parameter}" for one in balls for parameter in KIND_PARAMETERS)
+                raise InputError(message(f"the crystal has no parameter {name!r}", f"It has {allowed}", "Use one of these"))
+            ball = balls[kind]
+            solid = math.isclose(ball.mass, ball.material.ball_mass(ball.diameter), rel_tol=1e-12)
+            inner = math.isclose(ball.inertia, 0.1 * ball.mass * ball.diameter**2, rel_tol=1e-12)
+            anew: dict[str, Any] = ({"mass": None} if solid else {}) | ({"inertia": None} if inner else {})
+            of_ball = own in ("diameter", "mass")
+            anew |= {own: value} if of_ball else {"material": replace(ball.material, **{own: value})}
+            balls[kind] = replace(ball, **anew)
+        given = self.crystal.with_balls(balls) if self.__dict__["_is_given"] else None
+        return replace(self, kinds=tuple(balls.items()), given=given)
+
+
+#: what a scene, a sweep or a task is about
+Balls = Packing | Arrangement
+
+
+class LoadedCrystal(NetworkStates):
+    """States of a crystal as sweeps and scenes have them: with means over the contacts that carry load."""
+
+    medium, regime, n_samples, finite_overlap = "crystal", None, 0, False
+    chosen_automatically, mean_errors = False, dict[str, Any]()
+
+    def __init__(self, packing: Arrangement, source: CrystalState) -> None:
+        super().__init__(source)
+        self.packing, self.finite_overlap = packing, source.finite_overlap
+        self.name = packing.structure.name
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls."""
+        return bool(self.source.crystal.is_held)
+
+    @property
+    def limits(self) -> Any:
+        """What limits the state, see :attr:`CrystalState.limits`."""
+        return self.source.limits
+
+    @property
+    def valid(self) -> Any:
+        """Whether each state is within the range of its contact laws."""
+        return self.source.valid
+
+    def _average(self, name: str) -> Any:
+        live = self.source.normal_stiffness > 0.0
+        return np.mean(getattr(self.source, name), axis=-1, where=live)[()]
+
+    @property
+    def force(self) -> Any:
+        """Mean normal force, N."""
+        return self._average("normal_force")
+
+    @property
+    def overlap(self) -> Any:
+        """Mean overlap, m."""
+        return self._average("overlap")
+
+    @property
+    def relative_overlap(self) -> Any:
+        """Mean overlap over the mean diameter."""
+        return self.overlap / self.packing.diameter
+
+    @property
+    def normal_stiffness(self) -> Any:
+        """Mean normal stiffness, N/m."""
+        return self._average("normal_stiffness")
+
+    @property
+    def shear_stiffness(self) -> Any:
+        """Mean shear stiffness, N/m."""
+        return self._average("shear_stiffness")
+
+    @property
+    def contact_fraction(self) -> Any:
+        """Fraction of the contacts of the crystal that carry load."""
+        return np.mean(self.source.normal_stiffness > 0.0, axis=-1)[()]
+
+    @property
+    def pressure(self) -> Any:
+        """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa.
+
+        Raises :class:`~granphon.base.errors.InputError` for what was cut, whose stress is that of the whole layer.
+        """
+        p = self.packing.structure.periods
+        if self.packing.structure.pressed_axes > p:
+            raise InputError(message("a strip or slab has no stress in Pa", mend="Read the forces of its contacts"))
+        return (-np.trace(self.source.stress, axis1=-2, axis2=-1) / p)[()]
+
+    @property
+    def exponent(self) -> Any:
+        """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where there is none in common."""
+        try:
+            return self.source.exponent
+        except InputError:
+            return None
+
+    @property
+    def exponent_error(self) -> Any:
+        """Its standard error: zero, as nothing is sampled."""
+        return None if self.exponent is None else np.zeros(self.shape)[()]
+
+
+class CrystalMedium(MediumBase[Any]):
+    """Balls of several kinds, each contact with its own law and force: what an :class:`Arrangement` makes."""
+
+    name = "crystal"
+
+    packing: Any
+
+    def __init__(self, packing: Any) -> None:
+        if not isinstance(packing, Arrangement):
+            what, why = f"the balls are {given_packing(packing)!r}", "The medium crystal is that of balls of several kinds"
+            raise InputError(message(what, why, "Take ala, or give the blocks balls and crystal"))
+        self.packing = packing
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s."""
+        return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
+
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
+        """Return the state at a load, with the shape of the values of the load."""
+        crystal, values = self.packing.crystal, load.array
+        options: dict[str, Any] = {"finite_overlap": finite_overlap}
+        if load.gravity is not None:
+            options["gravity"] = load.gravity * crystal.downward
+        if load.tensor is not None:
+            values = np.asarray(values)[..., None] * np.array(load.tensor)
+        return LoadedCrystal(self.packing, getattr(crystal, f"at_{load.kind}")(values, **options))

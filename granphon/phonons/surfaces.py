@@ -1,0 +1,251 @@
+"""Waves at an edge of what repeats: spectra of its outer layer, undamped and leaky waves, and the velocity of long ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.base.results import Result
+from granphon.base.validation import finite_array, positive, real_array, whole_number
+from granphon.dynamics.half_space import HalfSpace
+from granphon.networks.network import given_network
+
+Array = NDArray[np.float64]
+#: angular frequency, over the highest, that stands for zero in a spectrum: its limit
+_ZERO = 1e-7
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceSpectrum(Result):
+    """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
+
+    Attributes
+    ----------
+    qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
+    frequencies : (n_f,) Hz.
+    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral over frequency is 1.
+    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of each is 1.
+    letters : names of the motions.
+    damping : full width at half maximum of the line of an undamped wave, Hz.
+    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave vector, Hz.
+    """
+
+    units = {"frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz"}
+    _shapes = {"qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2"}
+
+    qpoints: Array
+    frequencies: Array
+    values: Array
+    by_motion: Array
+    letters: tuple[str, ...]
+    damping: float
+    edges: Array
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceBranches(Result):
+    """Waves of an edge at a list of wave vectors, one row for each wave; ``branches[i]`` are the frequencies at the i-th.
+
+    Attributes
+    ----------
+    qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
+    place : (n,) the number of the wave vector of each wave.
+    frequencies : (n,) Hz, ascending at each wave vector.
+    widths : (n,) full width at half maximum of its line, Hz; zero of a wave that does not leak.
+    weight : (n,) part of its kinetic energy in the outer layers, as many as contacts reach across.
+    """
+
+    units = {"frequencies": "Hz", "widths": "Hz"}
+    _shapes = {"qpoints": "q 3", "place": "n", "frequencies": "n", "widths": "n", "weight": "n"}
+
+    qpoints: Array
+    place: NDArray[np.intp]
+    frequencies: Array
+    widths: Array
+    weight: Array
+
+    def __len__(self) -> int:
+        return len(self.qpoints)
+
+    def __getitem__(self, index: int) -> Array:
+        """Return the frequencies of all waves at the wave vector of this number, (n,) Hz."""
+        return np.asarray(self.frequencies[self.place == range(len(self))[index]])
+
+
+class Surface:
+    """The half space of a crystal above which there is an edge.
+
+    Parameters
+    ----------
+    x : a state at one load, of a packing or a crystal, or a :class:`~granphon.ContactNetwork` with periods.
+    axis : across the edge, as for :meth:`ContactNetwork.cut`. The layers go on without end from the lower face of that cut.
+    edge : "free", "clamped" or "floor".
+
+    Attributes
+    ----------
+    network : the network of the crystal. Contacts at the edge have its stiffnesses.
+    half_space : the same in reduced units, of which everything is found.
+
+    Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of a layer, which is that of
+    ``network.cut(axis, layers)``; (n_q, 0) at the end of a chain, for which they may be left out.
+
+    Raises
+    ------
+    InputError : something without a network; an axis without a period; layers that no contact joins; static tangential
+        forces that act.
+    """
+
+    def __init__(self, x: Any, axis: Any, edge: str = "free") -> None:
+        if edge not in ("free", "clamped", "floor"):
+            raise InputError(message(f"edge is {edge!r}", mend="Give 'free', 'clamped' or 'floor'"))
+        self.network = given_network(x)
+        self.half_space = HalfSpace(self.network, axis, edge)
+
+    def __repr__(self) -> str:
+        half = self.half_space
+        return f"Surface({half.edge}, {half.per_layer} balls in a layer, {', '.join(half.motions.letters)} of each ball)"
+
+    @property
+    def _frequency(self) -> float:
+        return self.half_space.units.frequency
+
+    @cached_property
+    def cell(self) -> Array:
+        """(p - 1, d) periods of a layer, m."""
+        return self.half_space.layers.cell
+
+    def _read(self, q: ArrayLike | None) -> tuple[Array, Array]:
+        """Return wave vectors as (n_q, p - 1) and (n_q, 3)."""
+        p = len(self.cell)
+        given = np.zeros((1, 0)) if q is None and p == 0 else real_array("q", q)
+        if given.ndim != 2 or not len(given) or given.shape[1] not in (p, 3) or not np.all(np.isfinite(given)):
+            what = f"the wave vectors have the shape {given.shape}"
+            raise InputError(message(what, f"There are {p} periods along this edge", f"Give (n, {p}) finite fractions"))
+        if np.any(given[:, p:]):
+            raise InputError(message("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions"))
+        return given[:, :p], np.pad(given[:, :p], ((0, 0), (0, 3 - p)))
+
+    def continuum(self, q: ArrayLike | None = None) -> Array:
+        """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal, Hz, at each q.
+
+        They are those over all wave vectors across the edge; branches are ordered by frequency, and of a cell that spans as
+        many layers as contacts reach across.
+        """
+        squares = self.half_space.bands(self._read(q)[0])
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
+
+    def spectrum(self, q: ArrayLike | None, frequencies: ArrayLike, damping: float | None = None) -> SurfaceSpectrum:
+        """Return the spectrum of the outer layer, resolved by motion.
+
+        Parameters
+        ----------
+        q : wave vectors.
+        frequencies : (n_f,) Hz, zero or above.
+        damping : full width at half maximum of an undamped wave's line, Hz, by default the largest step of the frequencies.
+            It is that of a force of each mass -M gamma v, gamma = 2 pi times the damping: then all lines have the integral
+            1 over positive frequencies, (2 omega/pi) times the imaginary part of -G(omega^2 + i gamma omega).
+        """
+        (fractions, points), half, unit = self._read(q), self.half_space, self._frequency
+        at = finite_array("frequencies", frequencies, low="zero or above")
+        if at.ndim != 1 or not at.size:
+            raise InputError(message(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz"))
+        if damping is None and at.size < 2:
+            raise InputError(message("one frequency has no step", mend="Give damping in Hz"))
+        width = positive("damping", np.max(np.abs(np.diff(at))) if damping is None else damping, "Hz")
+        omega = np.maximum(at / unit, _ZERO * np.sqrt(half.highest))
+        w, n, f = omega * (omega + 1j * width / unit), len(points), len(at)
+        green = np.linalg.inv(half.inverse_green(fractions, np.repeat(np.arange(n), f), np.tile(w, n)))
+        count, balls = half.motions.count, half.per_layer
+        own = np.diagonal(green, axis1=1, axis2=2).imag.reshape(n, f, -1, count)[:, :, :balls]
+        each = -2.0 / np.pi * omega[:, None] * own.mean(axis=2) / unit
+        edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
+        return SurfaceSpectrum(points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges)
+
+    def branches(self, q: ArrayLike | None = None, leaky: bool = False) -> SurfaceBranches:
+        """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
+
+        With ``leaky`` also resonances within the bands whose width is below a tenth of their frequency, and that have a
+        fiftieth of their energy on top; their width is that of first order. Motions at zero frequency, which deform no
+        contact, are not waves, and not among these. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
+        """
+        (fractions, points), unit = self._read(q), self._frequency
+        found = [self.half_space.find_waves(fractions)]
+        if leaky:
+            found.append(self.half_space.find_leaky_waves(fractions))
+        place, squares, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        roots = np.sqrt(squares.astype(complex)) * unit
+        order = np.lexsort((roots.real, place))
+        widths = np.maximum(-2.0 * roots.imag, 0.0)
+        return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order])
+
+    def follow(self, q: ArrayLike, frequency: float) -> Array:
+        """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this ``frequency``, Hz, at the first.
+
+        Raises :class:`~granphon.base.errors.InputError` for a frequency inside of the crystal's bands, one that no wave of
+        the edge has, and where the wave enters the bands.
+        """
+        near, points = positive("frequency", frequency, "Hz"), self._read(q)[1]
+        continuum, found, out = self.continuum(q), self.branches(q), list[float]()
+        for at in range(len(points)):
+            expected = (near, *out)[at] if at < 2 else 2.0 * out[-1] - out[-2]
+            where = f"q = {points[at].tolist()}"
+            if at == 0 and np.any((continuum[0, :, 0] <= near) & (near <= continuum[0, :, 1])):
+                what = f"{near:.6g} Hz lies inside of the crystal's bands at {where}"
+                raise InputError(message(what, "A wave there leaks into the crystal", "Use branches(q, leaky=True)"))
+            gap_low = np.max(continuum[at, :, 1], where=continuum[at, :, 1] < expected, initial=0.0)
+            gap_high = np.min(continuum[at, :, 0], where=continuum[at, :, 0] > expected, initial=np.inf)
+            here = found[at][(found[at] > gap_low) & (found[at] < gap_high)]
+            if not here.size:
+                mend = "Give fewer wave vectors, or another frequency"
+                raise InputError(message(f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend))
+            out.append(float(here[np.argmin(np.abs(here - expected))]))
+        return np.array(out)
+
+    def zak_phase(self, q: ArrayLike | None = None, below: int = 1) -> Array:
+        """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the ``below`` lowest ones.
+
+        Across a free edge it is that of the deformations of contacts, else that of the motions of balls. Where symmetry
+        leaves but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches, which must be open.
+        """
+        half = self.half_space
+        low = whole_number("below", below, 1, half.size - 1)
+        return np.array([half.zak_phase(one, low) for one in self._read(q)[0]])
+
+    def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
+        """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free edge that cost nothing.
+
+        Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations as balls have motions
+        (an isostatic lattice), and where det C vanishes.
+        """
+        return np.array([self.half_space.winding(one) for one in self._read(q)[0]], np.intp)
+
+    def velocity(self, direction: ArrayLike | None = None) -> float:
+        """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's elastic tensor.
+
+        ``direction`` is (p - 1,) in the frame of the cut, by default along x; or (p,) in the crystal's, along the edge.
+        At shorter waves the velocity changes in proportion to q; :meth:`branches` have it.
+
+        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do not move along it and
+        across it, and for a direction that leaves the edge.
+        """
+        p, along = (
+            len(self.cell),
+            np.eye(max(len(self.cell), 1))[0] if direction is None else real_array("direction", direction),
+        )
+        if along.shape == (p + 1,):
+            turned = self.half_space.layers.turn[: p + 1, : p + 1] @ along
+            if abs(turned[p]) > 1e-9 * np.linalg.norm(turned):
+                raise InputError(message("the direction leaves the edge", mend="Give one along it"))
+            along = turned[:p]
+        if along.shape != (p,) or not 0.0 < np.linalg.norm(along) < np.inf:
+            raise InputError(message(f"the direction has the shape {along.shape}", mend=f"Give {p} numbers, not all zero"))
+        unit = self.half_space.units.velocity
+        return float(unit * self.half_space.rayleigh_velocity(along / np.linalg.norm(along)))

@@ -1,0 +1,209 @@
+"""Ribbons, slabs and flakes that are cut out of a network: closed forms, and a twin that finds the contacts anew."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+BALL = gp.Ball(STEEL, 8e-3)
+D = 8e-3
+
+
+def bulk(lattice, motions=None, **options):
+    packing = gp.Packing(STEEL, D, lattice=lattice, friction=True, motions=motions, **options)
+    return gp.AveragedLattice(packing).at_force(10.0).network
+
+
+def chain(masses, springs):
+    """A chain of two balls in the cell: the first spring within the cell, the second to the next one."""
+    network = gp.Crystal.on("chain", [BALL, BALL]).at_force(10.0).network
+    inside = np.any(network.shift != 0, axis=1).astype(int)
+    return replace(network, masses=masses, normal_stiffness=np.array(springs)[inside])
+
+
+def squares(network, q=(), still=0):
+    """Squared angular frequencies of a cut, (n_q, b) at wave vectors; of a flake without the ``still`` modes at zero."""
+    if any(network.pbc):
+        return (2.0 * np.pi * gp.Phonons(network).frequencies(q)) ** 2
+    return (
+        2.0 * np.pi * gp.Waves(network).modes(network.ball_motions.count * int(np.sum(network.moving)) - still).frequencies
+    ) ** 2
+
+
+def twin(network, q):
+    """Squared frequencies of equal balls with one shear stiffness, from the energy of each pair that touches."""
+    p = int(np.sum(network.pbc))
+    cell, n, half = network.cell[:p], network.n_balls, 0.5 * D
+    k, kappa = network.normal_stiffness[0], network.shear_stiffness[0]
+    mass, inertia = network.masses[0], network.inertias[0]
+    matrix = np.zeros((6 * n, 6 * n), complex)
+    for i, j in itertools.product(range(n), repeat=2):
+        for step in itertools.product((-2, -1, 0, 1, 2), repeat=p):
+            apart = network.positions[j] + np.array(step) @ cell - network.positions[i]
+            if abs(np.linalg.norm(apart) - D) > 1e-6 * D:
+                continue
+            normal = apart / np.linalg.norm(apart)
+            cross = np.array([np.cross(axis, normal) for axis in np.eye(3)]).T  # phi -> phi x n
+            across = np.eye(3) - np.outer(normal, normal)
+            rows = np.zeros((6, 6 * n), complex)
+            phase = np.exp(1j * np.array(q) @ apart[:p])
+            rows[:3, 6 * i : 6 * i + 3] -= np.eye(3)
+            rows[:3, 6 * j : 6 * j + 3] += np.eye(3) * phase
+            rows[3:, 6 * i + 3 : 6 * i + 6] -= half * cross
+            rows[3:, 6 * j + 3 : 6 * j + 6] -= half * cross * phase
+            slip = across @ rows[:3] + rows[3:]
+            matrix += 0.5 * (k * np.outer((normal @ rows[:3]).conj(), normal @ rows[:3]) + kappa * slip.conj().T @ slip)
+    weight = np.tile(np.repeat([mass, inertia], 3), n) ** -0.5
+    return np.linalg.eigvalsh(weight[:, None] * matrix * weight)
+
+
+# -- closed forms -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("zigzag-edge")
+def test_edge_modes_of_a_zigzag_ribbon_at_the_end_of_the_zone():
+    ribbon = bulk("honeycomb", "out_of_plane").cut(1, 10)
+    assert np.sum(np.bincount(np.concatenate([ribbon.i, ribbon.j])) == 2) == 2  # one ball of each rim has two contacts
+    found = squares(ribbon, [[0.5]])[0] * ribbon.masses[0] / ribbon.shear_stiffness[0]
+    # a slip for each contact; the two of each rim that join no other row are at 7, too
+    expected = np.concatenate([np.zeros(60 - 29), *([level] * times for level, times in ((6.5, 9), (7.0, 11), (7.5, 9)))])
+    assert_allclose(found, expected, atol=1e-12 * 7.5)
+
+
+@pytest.mark.claim("chain-edge")
+@pytest.mark.parametrize("edges", ["floor", "clamped"])
+@pytest.mark.parametrize("weak_first", [True, False])
+def test_edge_states_of_an_alternating_chain_between_walls(edges, weak_first):
+    (weak, strong), mass = (1e6, 3e6), BALL.mass
+    held = chain([mass, mass], (weak, strong) if weak_first else (strong, weak)).cut(0, 42, edges)
+    middle = np.abs(squares(held) * mass / (weak + strong) - 1.0)
+    # each end has a state in the middle of the gap; it decays as 1/3 from cell to cell
+    assert np.sum(middle < 1e-12) == (2 if weak_first else 0)
+    assert np.sum(middle < 0.4) == (2 if weak_first else 0)
+
+
+@pytest.mark.claim("chain-edge")
+def test_edge_state_of_a_chain_with_a_light_end_ball():
+    light, heavy, k = 9.75e-3, 28.84e-3, 2e7
+    free = chain([light, heavy], (k, k)).cut(0, 41)
+    found = squares(free, still=1)
+    assert np.min(np.abs(found / (k * (1.0 / light + 1.0 / heavy)) - 1.0)) < 1e-12
+    assert np.min(np.abs(squares(chain([heavy, light], (k, k)).cut(0, 41), still=1) / found - 1.0)) < 1e-9  # the other end
+
+
+# -- a twin that shares no code ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("cut-twin")
+@pytest.mark.parametrize(
+    ("lattice", "axis", "layers"),
+    [
+        ("honeycomb", 1, 4), ("honeycomb", (1, 1), 3), ("square", 0, 5), ("square", (1, 1), 4), ("triangular", 1, 5),
+        ("triangular", (1, 1), 4), ("fcc", (1, 1, 0), 4), ("fcc", (1, 1, 1), 4), ("fcc", (1, 1, 2), 5), ("hcp", 2, 3),
+        ("sc", 2, 4), ("bcc", (1, 2, 0), 4),
+    ],
+)  # fmt: skip
+def test_bands_of_a_cut_against_the_energy_of_its_pairs(lattice, axis, layers):
+    network = bulk(lattice, "all")
+    cut = network.cut(axis, layers)
+    p = sum(cut.pbc)
+    assert p == sum(network.pbc) - 1
+    assert_allclose(cut.cell[:p, p:], 0.0, atol=1e-17)
+    q = np.array([0.31, 0.17])[:p]
+    expected = twin(cut, 2.0 * np.pi * np.linalg.inv(cut.cell[:p, :p]) @ q)
+    assert_allclose(squares(cut, [q])[0], expected, atol=1e-12 * expected[-1])
+
+
+def test_a_flake_is_cut_along_one_axis_after_the_other():
+    slab = bulk("fcc", "all").cut((1, 1, 0), 3)
+    bar = slab.cut(0, 4, ("free", "clamped"))
+    flake = bar.cut(0, 4)
+    assert slab.pbc == (True, True, False)
+    assert bar.pbc == (True, False, False)
+    assert flake.pbc == (False,) * 3
+    assert flake.n_balls == 48
+    assert np.count_nonzero(~flake.moving) == 12
+    free = bulk("triangular", "all").cut(0, 3).cut(0, 3)
+    expected = twin(free, [])
+    still = int(np.sum(expected < 1e-10 * expected[-1]))
+    assert_allclose(squares(free, still=still), expected[still:], atol=1e-12 * expected[-1])
+
+
+# -- how edges are held --------------------------------------------------------------------------------------------------
+
+
+def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_has_the_springs_that_were_cut():
+    network = bulk("triangular")
+    free, held = network.cut(1, 8), network.cut(1, 8, ("free", "clamped"))
+    heavy = replace(free, masses=np.where(held.moving, free.masses, 1e12 * free.masses[0]),
+                    inertias=np.where(held.moving, free.inertias, 1e12 * free.inertias[0]))  # fmt: skip
+    top = squares(heavy, [[0.2]])[0][3:]
+    assert_allclose(squares(held, [[0.2]])[0], top, rtol=1e-9)
+    floor = network.cut(1, 8, "floor")
+    walls = np.flatnonzero(np.isinf(floor.radii))
+    assert len(walls) == 2
+    assert floor.n_contacts == free.n_contacts + 2
+    against = floor.normal[np.isin(floor.j, walls)]
+    assert_allclose(np.sort(against[:, 1]), [-1.0, 1.0])
+    # in balance: the force of the wall is that of the two contacts across the edge
+    assert_allclose(floor.normal_force[-1], np.sqrt(3.0) * 10.0, rtol=1e-12)
+    assert_allclose(floor.normal_stiffness[-1], network.normal_stiffness[0], rtol=1e-12)
+
+
+def test_a_cut_of_a_network_is_turned_as_that_of_its_crystal():
+    crystal = gp.Crystal.on("fcc", [BALL])
+    for axis in (0, (1, 1, 0), (1, -1, 2)):
+        cut, twin_cut = crystal.at_force(10.0).network.cut(axis, 5), crystal.cut(axis, 5)
+        assert_allclose(cut.positions, twin_cut.positions, atol=1e-15)
+        assert_allclose(cut.cell[:2], twin_cut.cell, atol=1e-15)
+
+
+def test_a_network_whose_periods_lie_anywhere_is_turned():
+    network = bulk("square").cut(0, 3)
+    upright = replace(network, cell=network.cell[[1, 0, 2]][:, [1, 0, 2]], positions=network.positions[:, [1, 0, 2]],
+                      pbc=(False, True, False), shift=network.shift[:, [1, 0, 2]],
+                      normal=network.normal[:, [1, 0, 2]])  # fmt: skip
+    a, b = network.cut(0, 4), upright.cut(0, 4)
+    assert_allclose(squares(a, still=5)[1:], squares(b, still=5)[1:], rtol=1e-9)
+
+
+# -- bad input -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: bulk("square").cut(2, 3), "axis is 2"),
+        (lambda: bulk("square").cut(0, 3).cut(1, 3), "axis is 1"),
+        (lambda: bulk("square").cut(0, 3).cut(0, 3).cut(0, 3), "no period"),
+        (lambda: bulk("fcc").cut((1, 1, 2), 2), "Give 3 layers or more"),
+        (lambda: bulk("square").cut(0, 1), "reach across 1 layer"),
+        (lambda: bulk("square").cut(0, 2, "clamped"), "no ball moves"),
+        (lambda: bulk("square").cut(0, 3, "glued"), "Give 'free', 'clamped' or 'floor'"),
+        (lambda: bulk("square").cut(0, 0), "layers"),
+        (lambda: bulk("square").cut((0, 0), 3), "2 Miller indices"),
+    ],
+)  # fmt: skip
+def test_cuts_that_are_not_possible(make, said):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert said in str(caught.value)
+
+
+def test_a_clamp_that_holds_nothing():
+    # a layer of three rows of which contacts reach out of the outer two only: with the lower row of contacts gone, nothing
+    # of the clamped layer touches the rest
+    network = bulk("square").repeat((1, 3))
+    parted = replace(network, **{name: getattr(network, name)[network.shift[:, 1] == 0] for name in network.contact_fields})
+    with pytest.raises(InputError, match="the clamped balls of an edge touch none that moves"):
+        parted.cut(1, 3, ("clamped", "free"))
+    with pytest.raises(InputError, match="falls into pieces"):
+        parted.cut(1, 3)

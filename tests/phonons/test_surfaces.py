@@ -1,0 +1,273 @@
+"""Waves at an edge: closed forms, thick ribbons, the sum rule of spectra, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests.networks.test_cuts import BALL, bulk, chain, squares
+
+ETA = 0.84
+
+
+def balls(lattice, motions=None):
+    """The network of equal balls of eta = 0.84."""
+    network = bulk(lattice, motions)
+    return replace(network, shear_stiffness=ETA * network.normal_stiffness)
+
+
+def ratio(surface, qd):
+    """omega/q of the lowest wave along x over d (k/m)^1/2."""
+    along = surface.cell[:, 0] / BALL.diameter * qd / (2.0 * np.pi)
+    lowest = surface.branches([along])[0][0]
+    return 2.0 * np.pi * lowest / (qd / BALL.diameter) / surface.network.scales.velocity
+
+
+# -- closed forms -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("edge-chain")
+@pytest.mark.parametrize("edge", ["clamped", "floor"])
+def test_the_state_at_the_end_of_an_alternating_chain(edge):
+    weak, strong, mass = 1e6, 3e6, BALL.mass
+    found = gp.Surface(chain([mass, mass], (weak, strong)), 0, edge).branches()
+    assert_allclose((2.0 * np.pi * found[0]) ** 2, (weak + strong) / mass, rtol=1e-12)
+    # it decays as weak/strong from cell to cell
+    assert_allclose(found.weight, 1.0 - (weak / strong) ** 2, rtol=1e-7)
+    assert len(gp.Surface(chain([mass, mass], (strong, weak)), 0, edge).branches()[0]) == 0
+
+
+@pytest.mark.claim("edge-chain")
+def test_the_state_at_the_light_end_of_a_chain():
+    light, heavy, k = 9.75e-3, 28.84e-3, 2e7
+    found = gp.Surface(chain([light, heavy], (k, k)), 0).branches()[0]
+    assert_allclose((2.0 * np.pi * found) ** 2, k * (1.0 / light + 1.0 / heavy), rtol=1e-12)
+    assert not len(gp.Surface(chain([heavy, light], (k, k)), 0).branches()[0])
+
+
+@pytest.mark.claim("rayleigh")
+def test_the_velocity_along_a_free_edge_of_the_triangular_lattice():
+    surface = gp.Surface(balls("triangular"), 1)
+    limit = surface.velocity() / surface.network.scales.velocity
+    assert_allclose(limit, 0.7324621, atol=5e-8)
+    # isotropic: Rayleigh's equation with the plane's two velocities
+    sound = gp.sound_velocities(surface.network)
+    ratio_squared = (sound.transverse / sound.longitudinal) ** 2
+
+    def rayleigh(x):
+        return (2.0 - x) ** 2 - 4.0 * np.sqrt((1.0 - x) * (1.0 - ratio_squared * x))
+
+    assert_allclose(
+        surface.velocity(), sound.transverse * np.sqrt(brentq(rayleigh, 0.1, 1.0 - 1e-12, xtol=1e-15)), rtol=1e-11
+    )
+    # the lattice's own correction is of first order in q
+    slopes = [(ratio(surface, qd) - limit) / qd for qd in (4e-2, 2e-2, 1e-2)]
+    assert_allclose(slopes[2] - slopes[1], 0.5 * (slopes[1] - slopes[0]), atol=2e-5)
+    assert_allclose(slopes[2], -0.0321, atol=2e-4)
+
+
+@pytest.mark.claim("rayleigh")
+@pytest.mark.parametrize(("lattice", "axis", "value"), [("sc", 2, 0.5866445), ("fcc", (1, 1, 0), 0.8379032)])
+def test_the_velocity_on_a_cube_face_along_its_edge(lattice, axis, value):
+    surface = gp.Surface(balls(lattice), axis)
+    tensor = gp.moduli(surface.network).tensor
+    c11, c12, c44 = tensor[0, 0], tensor[0, 1], tensor[3, 3]
+    density = np.sum(surface.network.masses) / abs(np.linalg.det(surface.network.cell))
+
+    def stoneley(x):  # R. Stoneley, Proc. R. Soc. A 232, 447 (1955)
+        return c11 * (c44 - x) * (c11 - c12**2 / c11 - x) ** 2 - c44 * (c11 - x) * x**2
+
+    expected = np.sqrt(brentq(stoneley, 1e-6 * c44, c44, xtol=1e-15 * c44) / density)
+    assert_allclose(surface.velocity([1.0, 0.0, 0.0]), expected, rtol=1e-11)
+    assert_allclose(expected / surface.network.scales.velocity, value, atol=5e-8)
+    assert_allclose(ratio(surface, 1e-3), value, rtol=1e-4)
+
+
+# -- a thick ribbon ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("edge-ribbon")
+@pytest.mark.parametrize(
+    ("lattice", "axis", "layers", "q"),
+    [("triangular", 1, 60, 0.5 / np.pi), ("honeycomb", 1, 26, 0.35), ("honeycomb", (1, 1), 26, 0.35),
+     ("square", (1, 1), 60, 0.2)],
+)  # fmt: skip
+def test_waves_outside_the_bands_are_those_of_a_thick_ribbon(lattice, axis, layers, q):
+    network = balls(lattice)
+    surface = gp.Surface(network, axis)
+    ribbon = gp.Phonons(network.cut(axis, layers)).frequencies([[q]])[0]
+    bands = surface.continuum([[q]])[0]
+    outside = ~np.any((bands[:, :1] - 1.0 <= ribbon) & (ribbon <= bands[:, 1:] + 1.0), axis=0)
+    found = surface.branches([[q]])
+    lone = found.frequencies[found.weight > 0.3]
+    assert lone.size
+    for one in lone:  # both edges of the ribbon have it, and part it in two by how far they feel each other
+        pair = np.sort(np.abs(ribbon / one - 1.0))[:2]
+        nearest = ribbon[np.argsort(np.abs(ribbon - one))[:2]]
+        assert pair[1] < (1e-9 if lattice == "triangular" else 1e-6)
+        assert_allclose(nearest.mean(), one, rtol=1e-9)
+    assert np.sum(outside & (ribbon > 1.0)) <= 2 * len(found[0])
+
+
+def test_the_energy_on_top_is_that_of_a_ribbon():
+    network = balls("triangular")
+    found = gp.Surface(network, 1).branches([[0.4]])
+    bands = gp.Phonons(network.cut(1, 20)).modes([[0.4]])
+    at = int(np.argmin(np.abs(bands.frequencies[0] - found[0][0])))
+    kinetic = np.sum(np.abs(bands.eigenvectors[0, :, at].reshape(20, 3)) ** 2, axis=1)
+    assert_allclose(found.weight[0], kinetic[0] + kinetic[-1], rtol=1e-5)
+
+
+def test_leaky_waves_are_peaks_of_the_spectrum():
+    surface = gp.Surface(balls("fcc"), (1, 1, 0))
+    q = [[0.3, 0.0]]
+    found = surface.branches(q, leaky=True)
+    narrow = int(np.argmin(np.where(found.widths > 1.0, found.widths, np.inf)))
+    centre, width = found.frequencies[narrow], found.widths[narrow]
+    f = np.linspace(centre - 3.0 * width, centre + 3.0 * width, 301)
+    values = surface.spectrum(q, f, damping=1e-3 * width).by_motion[0].max(axis=1)
+    assert abs(f[np.argmax(values)] - centre) < 0.3 * width
+
+
+# -- spectra -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("edge-weight")
+@pytest.mark.parametrize(("lattice", "axis", "q"), [("fcc", (1, 1, 1), [[0.2, 0.1]]), ("honeycomb", 1, [[0.3]])])
+def test_the_weight_of_the_outer_layer_integrates_to_one(lattice, axis, q):
+    surface = gp.Surface(balls(lattice), axis)
+    top = surface.continuum(q).max()
+    x, weight = np.polynomial.legendre.leggauss(1500)
+    angle = 0.25 * np.pi * (x + 1.0)
+    spectrum = surface.spectrum(q, top * np.tan(angle), damping=0.02 * top)
+    measure = 0.25 * np.pi * weight * top / np.cos(angle) ** 2
+    assert_allclose(spectrum.by_motion[0].T @ measure, 1.0, atol=1e-6)
+    assert_allclose(np.asarray(spectrum)[0] @ measure, 1.0, atol=1e-6)
+
+
+def test_a_spectrum_is_that_of_a_long_column():
+    # of the end of a chain: the response of the first ball of many, damped in the same way
+    network = gp.Crystal.on("chain", [BALL]).at_force(10.0).network
+    surface, f = gp.Surface(network, 0), np.linspace(300.0, 3e4, 50)
+    count, unit, width = 700, network.scales.frequency, 2e3
+    matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
+    matrix[0, 0] = 1.0
+    values, vectors = np.linalg.eigh(matrix)
+    w = (f / unit) ** 2 + 1j * f * width / unit**2
+    green = np.sum(vectors[0] ** 2 / (w[:, None] - values), axis=1)
+    assert_allclose(surface.spectrum(None, f, width).values[0], -2.0 / np.pi * f / unit**2 * green.imag, rtol=1e-9)
+
+
+def test_bands_of_a_cut_say_how_much_is_at_each_edge():
+    network = balls("triangular")
+    bands = gp.Phonons(network.cut(1, 16)).bands(npoints=11)
+    assert bands.edge_weight.shape == (1, 11, 48, 2)
+    lowest = bands.edge_weight[0, 8, :2]
+    assert_allclose(np.sort(lowest, axis=0)[1], 1.0, atol=1e-2)  # one at each edge
+    assert_allclose(np.sort(lowest, axis=0)[0], 0.0, atol=1e-6)
+    assert_allclose(bands.edge_weight.sum(axis=(2, 3)), 2 * 4 * 3, rtol=1e-9)  # eight of sixteen layers
+    with pytest.raises(InputError, match="no edges"):
+        gp.Phonons(network).bands(npoints=3).edge_weight  # noqa: B018
+
+
+def test_motions_that_cost_nothing_are_counted():
+    bands = gp.Phonons(balls("honeycomb", "out_of_plane").cut(1, 10)).bands(npoints=5)
+    assert bands.warnings[0].startswith("31 of 60 branches vanish at every wave vector")
+
+
+def test_a_branch_is_followed():
+    surface = gp.Surface(balls("triangular"), 1)
+    q = np.linspace(0.1, 0.5, 9)[:, None]
+    found = surface.branches(q)
+    assert_allclose(surface.follow(q, 1.01 * found[0][0]), [found[at][0] for at in range(9)], rtol=1e-12)
+
+
+# -- topology ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("zak")
+def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
+    mass = BALL.mass
+    cases = [
+        (gp.Surface(chain([mass, mass], springs), 0, edge), waves)
+        for edge in ("clamped", "floor") for springs, waves in (((1e6, 3e6), 1), ((3e6, 1e6), 0))
+    ]  # fmt: skip
+    cases += [(gp.Surface(chain(masses, (2e7, 2e7)), 0), waves) for masses, waves in (([1e-2, 3e-2], 1), ([3e-2, 1e-2], 0))]
+    for surface, waves in cases:
+        assert_allclose(np.exp(1j * surface.zak_phase()), (-1.0) ** waves, atol=1e-10)
+        assert len(surface.branches()[0]) == waves
+
+
+def twisted_kagome(angle):
+    """Kagome whose triangles are turned against each other: isostatic without friction."""
+    cell = 2.0 * np.cos(angle) * np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])
+    turns = 0.5 * np.pi + angle + 2.0 * np.pi / 3.0 * np.arange(3)
+    sites = np.stack([np.cos(turns), np.sin(turns)], axis=1) / np.sqrt(3.0)
+    contacts = gp.Crystal([gp.Ball(BALL.material, 1.0)] * 3, cell, sites).contacts
+    return gp.ContactLattice(cell, sites, contacts, 0.0).contact_network(gp.Units(8e-3, 1e6, 1e-3), 1.0)
+
+
+@pytest.mark.claim("zak")
+@pytest.mark.parametrize("axis", [(0, 1), (1, 1), (2, 1)])
+def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
+    network = twisted_kagome(0.3)
+    winding = (
+        gp.Surface(network, axis).winding([[0.13], [0.31]]),
+        gp.Surface(network, [-one for one in axis]).winding([[0.13]]),
+    )
+    free = np.sum(gp.Phonons(network.cut(axis, 6)).frequencies([[0.13]]) < 1.0)
+    assert winding[0][0] == winding[0][1]
+    assert winding[0][0] + winding[1][0] == free
+    assert winding[0][0] > 0
+
+
+# -- bad input -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: gp.Surface(bulk("square"), 2), "axis is 2"),
+        (lambda: gp.Surface(bulk("square").cut(0, 3).cut(0, 3), 0), "no period"),
+        (lambda: gp.Surface(bulk("square"), 0, "glued"), "Give 'free', 'clamped' or 'floor'"),
+        (lambda: gp.Surface(3, 0), "no network of contacts"),
+        (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1]]), "shape (1, 2)"),
+        (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1, 0.0]]), "leaves the edge"),
+        (lambda: gp.Surface(bulk("fcc"), 2).follow([[0.2, 0.0]], 3e4), "inside of the crystal's bands"),
+        (lambda: gp.Surface(bulk("triangular"), 1).follow([[0.2]], 1e6), "no wave of the edge"),
+        (lambda: gp.Surface(bulk("triangular"), 1, "clamped").velocity(), "held"),
+        (lambda: gp.Surface(bulk("triangular", "out_of_plane"), 1).velocity(), "do not move along"),
+        (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not all zero"),
+        (lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]), "6 deformations of contacts and 3 motions"),
+        (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
+        (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
+        (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(make, said):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert said in str(caught.value)
+
+
+def test_layers_that_nothing_joins():
+    network = bulk("square")
+    rows = replace(network, **{name: getattr(network, name)[network.shift[:, 1] == 0] for name in network.contact_fields})
+    with pytest.raises(InputError, match="no contact joins the layers"):
+        gp.Surface(rows, 1)
+
+
+def test_a_square_lattice_twin_of_a_held_ribbon():
+    network = balls("square")
+    surface = gp.Surface(network, 1, "floor")
+    cut = squares(network.cut(1, 120, "floor"), [[0.45]])[0]
+    found = surface.branches([[0.45]])
+    assert np.any(found.weight > 0.1)
+    for one in found.frequencies[found.weight > 0.1]:
+        assert np.min(np.abs(cut / (2.0 * np.pi * one) ** 2 - 1.0)) < 1e-8

@@ -1,0 +1,246 @@
+"""Scenes with balls of several kinds: what is read, written, checked and run."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.base.errors import GranphonError, InputError, SceneError
+from granphon.cli.commands import main
+from granphon.media.arrangement import Arrangement
+from granphon.runs.dataset import load_sweep
+
+STEEL, ALUMINIUM = gp.Material(193e9, 0.30, 8000.0), gp.Material(73.5e9, 0.33, 2700.0)
+BALLS = """
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm, mass: 28.84 g}
+  A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19.05 mm, mass: 9.75 g}
+"""
+CHAIN = BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: 20 N}\nobserve: [velocities, bands, gaps, dos]\n"
+
+
+def balls(diameter: float = 19.05e-3) -> tuple[gp.Ball, gp.Ball]:
+    """Aluminium and steel."""
+    return gp.Ball(ALUMINIUM, diameter, mass=9.75e-3, name="A"), gp.Ball(STEEL, 19.05e-3, mass=28.84e-3, name="S")
+
+
+@pytest.mark.claim("crystal-scene")
+def test_a_diatomic_chain_has_the_edges_of_its_bands_and_its_gap(tmp_path):
+    result = gp.Scene.from_text(CHAIN).run(tmp_path / "out")
+    assert result.gaps == pytest.approx(np.array([[4710.53, 8101.49]]), abs=0.01)
+    numbers = result.summary()
+    assert numbers["gaps"] == result.gaps.tolist()
+    assert numbers["top_frequency"] == pytest.approx(9371.40, abs=0.01)
+    assert numbers["longitudinal"] == pytest.approx(487.42, abs=0.01)
+    assert numbers["exponent"] == pytest.approx(1.0 / 6.0, rel=1e-13)
+    assert result.validity.ok
+    assert {"bands.png", "band.yaml", "phonopy_params.yaml", "dos.csv", "sweep.csv"} <= {path.name for path in result.files}
+    again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
+    assert again == replace(gp.Scene.from_text(CHAIN), source=again.source)
+    assert again.run(tmp_path / "out", resume=True).summary()["longitudinal"] == numbers["longitudinal"]
+
+
+def test_what_a_sweep_finds_is_what_states_have(tmp_path):
+    text = BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: {from: 1 N, to: 20 N, points: 3}}\n"
+    scene = gp.Scene.from_text(text + "sweep: {A.diameter: [12 mm, 19.05 mm], S.density: [8000 kg/m^3, 7000 kg/m^3]}\n")
+    data = scene.run(tmp_path / "out").dataset
+    assert data["longitudinal"].dims == ("load", "medium", "A.diameter", "S.density")
+    read = load_sweep(tmp_path / "out" / "sweep.nc")
+    for d, diameter in enumerate((12e-3, 19.05e-3)):
+        small, large = balls(diameter)
+        for m, mass in enumerate((28.84e-3, 28.84e-3)):  # a mass that was given stays where the density is another
+            crystal = gp.Crystal.on("chain", [small, replace(large, mass=mass)])
+            states = crystal.at_force(np.array(data["force"]))
+            right = gp.sound_velocities(states).longitudinal
+            assert data["longitudinal"].values[:, 0, d, m] == pytest.approx(right, rel=1e-13)
+    assert np.array_equal(read["longitudinal"], data["longitudinal"])
+    assert read["A.diameter"].attrs["units"] == "m"
+    assert "of A" in read["A.diameter"].attrs["long_name"]
+
+
+def test_sweeps_in_python_take_crystals():
+    crystal = gp.Crystal.on("NaCl", list(balls()))
+    pressures = [1e4, 1e5, 1e6]
+    data = gp.sweep(crystal, pressure=pressures, direction=(1, 1, 0))
+    right = gp.sound_velocities(crystal.at_pressure(pressures), (1, 1, 0))
+    assert data["longitudinal"].values[:, 0] == pytest.approx(right.longitudinal, rel=1e-13)
+    assert data["tensor"].values[:, 0] == pytest.approx(gp.moduli(crystal.at_pressure(pressures)).tensor, rel=1e-12)
+    assert data["pressure"].values == pytest.approx(pressures)
+    softer = gp.sweep(crystal, pressure=[1e5], **{"A.young_modulus": [50e9, 73.5e9]})
+    other = crystal.with_balls({"A": replace(balls()[0], material=replace(ALUMINIUM, young_modulus=50e9))})
+    assert softer["bulk"].values[0, 0] == pytest.approx([gp.moduli(one.at_pressure(1e5)).bulk for one in (other, crystal)])
+    with pytest.raises(InputError, match=r"do not touch.*Make the crystal anew"):
+        gp.sweep(crystal, pressure=[1e5], **{"A.diameter": [0.019]})
+    with pytest.raises(InputError, match=r"no parameter 'B\.mass'"):
+        gp.sweep(crystal, pressure=[1e5], **{"B.mass": [0.019]})
+    with pytest.raises(InputError, match="balls of several kinds"):
+        gp.sweep(gp.Packing(STEEL, 8e-3), force=[1.0], media="crystal")
+
+
+def test_loads_that_are_tensors(tmp_path):
+    text = BALLS + "crystal: {lattice: fcc, kinds: [S]}\ndirection: [0, 0, 1]\n"
+    scene = gp.Scene.from_text(text + "load: {strain: [0, 0, -1e-4, 0, 0, 0], times: [0.1, 1, 2]}\n")
+    data = scene.run(tmp_path / "out").dataset
+    crystal = gp.Crystal.on("fcc", [balls()[1]])
+    strains = -1e-4 * np.array([0.1, 1.0, 2.0])[:, None] * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    states = crystal.at_strain(strains)
+    right = gp.sound_velocities(states, (0, 0, 1))
+    assert data["longitudinal"].values[:, 0] == pytest.approx(right.longitudinal, rel=1e-13)
+    assert data["contact_fraction"].values == pytest.approx(8.0 / 12.0)
+    assert data["strain"].values == pytest.approx([1e-5, 1e-4, 2e-4])
+    # along [001] v^2 = k + kappa, in units d^2/m
+    k, ratio = states.normal_stiffness.max(axis=1), crystal.mindlin_ratios[0]
+    ball = crystal.kinds[0]
+    assert right.longitudinal**2 == pytest.approx(ball.diameter**2 * k * (1.0 + ratio) / ball.mass, rel=1e-12)
+    matrix = "load: {strain: [[0, 0, 0], [0, 0, 0], [0, 0, -1e-4]], times: [0.1, 1, 2]}\n"
+    assert gp.Scene.from_text(text + matrix) == replace(scene, source=None)
+
+
+@pytest.mark.parametrize(
+    ("lines", "check"),
+    [
+        ("crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 8, edges: floor free}}\n"
+         "load: {gravity: 9.81 m/s^2}\nobserve: [bands]\n",
+         lambda c: c.cut(1, 8, ("floor", "free")).at_pressure(0.0, gravity=(0.0, -9.81))),
+        ("crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 8, edges: free floor}}\n"
+         "load: {pressure: 5 N/m, gravity: 9.81 m/s^2}\nobserve: [bands]\n",
+         lambda c: c.cut(1, 8, ("free", "floor")).at_pressure(5.0, gravity=(0.0, 9.81))),
+    ],
+)  # fmt: skip
+def test_layers_stand_on_a_floor(tmp_path, lines, check):
+    state = check(gp.Crystal.on("square", [balls()[0]]))
+    result = gp.Scene.from_text(BALLS + lines).run(tmp_path / "out")
+    live = state.normal_force[state.normal_stiffness > 0.0]
+    assert result.summary()["force"] == pytest.approx(live.mean(), rel=1e-12)
+    assert result.bands.frequencies.max() == pytest.approx(gp.Phonons(state).bands().frequencies.max(), rel=1e-9)
+    assert any("hold" in text for text in result.warnings)
+
+
+def test_a_defect_and_laws_of_pairs():
+    text = (
+        BALLS
+        + """
+crystal:
+  cell: [[38.1 mm]]
+  sites: [{kind: A, at: [0 mm]}, {kind: S, at: [19.05 mm]}]
+  repeat: 4
+  replace: {3: A}
+  law: {A A: {power: {exponent: 2, coefficient: 1e11}}, A S: hertz}
+load: {force: 5 N}
+"""
+    )
+    scene = gp.Scene.from_text(text)
+    small, large = balls()
+    law = {("A", "A"): gp.PowerLaw(2.0, 1e11), ("A", "S"): gp.Hertz()}
+    crystal = gp.Crystal([small, large], [[38.1e-3]], [[0.0], [19.05e-3]], law=law).repeat(4).replace(3, small)
+    right = crystal.at_force(5.0)
+    assert scene.state().source.normal_stiffness == pytest.approx(right.normal_stiffness, rel=1e-14)
+    assert gp.Scene.from_text(scene.to_yaml()) == replace(scene, source=None)
+
+
+def test_pages_and_modes_of_a_scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.yaml").write_text(CHAIN, encoding="utf-8")
+    for command in (["page", "s.yaml", "-o", "p.html"], ["mode", "s.yaml", "--at", "X", "--branch", "1", "-o", "m.png"],
+                    ["export", "s.yaml", "-o", "m.json"], ["check", "s.yaml"]):  # fmt: skip
+        assert main(command) == 0
+    assert json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+
+
+#: what is wrong: lines in place of those from "crystal" on, the place that the error names, and what it says
+_ON_CHAIN = "crystal: {lattice: chain}\n"
+MISTAKES = {
+    "a packing beside": (f"{_ON_CHAIN}packing: {{diameter: 8 mm}}\nload: {{force: 1 N}}", "packing", "in place of"),
+    "no crystal": ("load: {force: 1 N}", "", "crystal"),
+    "no lattice": ("crystal: {kinds: [A]}\nload: {force: 1 N}", "crystal", "a lattice, or cell and sites"),
+    "no kind": ("crystal: {lattice: chain, kinds: [A, T]}\nload: {force: 1 N}", "crystal", "no kind of ball 'T'"),
+    "no law": ("crystal: {lattice: chain, law: hooke}\nload: {force: 1 N}", "crystal.law", "hertz, power"),
+    "a pair is missing": ("crystal: {lattice: chain, law: {A A: hertz}}\nload: {force: 1 N}", "crystal", "'S'"),
+    "an unknown edge": (
+        "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges: glued}}\nload: {force: 1 N}",
+        "crystal.cut.edges", "free, clamped, floor",
+    ),
+    "two loads": (f"{_ON_CHAIN}load: {{force: 1 N, strain: [-1e-4]}}", "load", "Remove all but one"),
+    "times alone": (f"{_ON_CHAIN}load: {{force: 1 N, times: [1, 2]}}", "load.times", "with stress or strain"),
+    "gravity without a floor": (f"{_ON_CHAIN}load: {{gravity: 9.81 m/s^2}}", "load.gravity", "nothing holds"),
+    "a short tensor": ("crystal: {lattice: fcc, kinds: [A]}\nload: {strain: [-1e-4]}", "load.strain", "6 numbers"),
+    "a tensor of zeros": (f"{_ON_CHAIN}load: {{stress: [0 N]}}", "load.stress", "which is zero"),
+    "a stress without a unit": (f"{_ON_CHAIN}load: {{stress: [-3]}}", "load.stress", "with its unit"),
+    "another medium": (f"{_ON_CHAIN}load: {{force: 1 N}}\nmedium: ema", "medium", "crystal"),
+    "a pulse": (f"{_ON_CHAIN}load: {{force: 1 N}}\nobserve: [pulse]", "observe", "gp.Waves"),
+    "gaps of several": (f"{_ON_CHAIN}load: {{force: [1 N, 2 N]}}\nobserve: [gaps]", "observe", "one state"),
+    "sound of what is held": (
+        "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges: floor free}}\nload: {gravity: 9.81 m/s^2}",
+        "observe", "Long waves",
+    ),
+    "a stress that opens": (f"{_ON_CHAIN}load: {{stress: [3 N]}}", "load.stress", "a load that the balls can carry"),
+    "a parameter of a packing": (f"{_ON_CHAIN}load: {{force: 1 N}}\nsweep: {{width: [1 um]}}", "sweep", "A.diameter"),
+    "a side force": (f"{_ON_CHAIN}load: {{side_force: 9 N, balls_per_side: 3}}", "load.side_force", "triangular"),
+    "no period": ("crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}", "crystal", "repeats nowhere"),
+    "no such ball": ("crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}", "crystal", "not the number of a ball"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_error(tmp_path, monkeypatch, capsys, name):
+    monkeypatch.chdir(tmp_path)
+    lines, place, said = MISTAKES[name]
+    (tmp_path / "s.yaml").write_text(BALLS + lines + "\n", encoding="utf-8")
+    assert main(["run", "s.yaml", "-o", "out"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("granphon: error: s.yaml:")
+    assert error.count("\n") == 1
+    assert re.match(rf"granphon: error: s\.yaml:\d+: {re.escape(place)}", error), error
+    assert said in error, error
+    assert not (tmp_path / "out").exists()
+
+
+def test_loads_of_crystals_are_refused_for_packings():
+    packing = "material: {young_modulus: 1 GPa, poisson_ratio: 0.3, density: 1 g/cm^3}\npacking: {diameter: 1 mm}\n"
+    with pytest.raises(SceneError, match=r"load\.strain: found strain of a packing"):
+        gp.Scene.from_text(packing + "load: {strain: [-1e-4, 0, 0]}\n")
+
+
+_LENGTHS = st.floats(1e-4, 1e-1)
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> gp.Scene:
+    """Scenes of crystals, whose numbers have all digits."""
+    size = draw(_LENGTHS)
+    moduli, ratios, densities = st.floats(1e9, 3e11), st.floats(-0.5, 0.49), st.floats(1e3, 1e4)
+    kinds = tuple((name, gp.Ball(gp.Material(draw(moduli), draw(ratios), draw(densities)), size)) for name in "AB")
+    table = gp.TabulatedLaw([1e-6, 2e-6], [1.0, 3.1])
+    law = draw(st.sampled_from([gp.Hertz(), gp.PowerLaw(1.75, 3e8), gp.DMT(0.05), gp.JKR(0.02), table]))
+    lattice = draw(st.sampled_from(["chain", "NaCl", "square", "fcc"]))
+    order = ("A", "B") if lattice in ("chain", "NaCl") else ("B",)
+    cut = ((draw(st.sampled_from([1, (1, 1)])), 3, ("free", "free")),) if lattice == "square" else ()
+    repeat = draw(st.sampled_from([(), (2,)])) if lattice == "chain" else ()
+    balls = Arrangement(kinds, lattice, order, law=law, cut=cut, repeat=repeat)
+    p = balls.structure.periods
+    values = tuple(draw(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=3, unique=True)))
+    if draw(st.booleans()):
+        load = gp.Load("force", values)
+    else:
+        plain = np.zeros({1: 1, 2: 3, 3: 6}[p])
+        plain[:p] = [-draw(st.floats(1e-6, 1e-3)) for _ in range(p)]
+        load = gp.Load("strain", values, tensor=tuple((plain / np.max(np.abs(plain))).tolist()))
+    return gp.Scene(balls, load, observe=("bands",))
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(scenes())
+def test_a_written_scene_is_the_same_to_the_last_bit(scene):
+    try:
+        again = gp.Scene.from_text(scene.to_yaml())
+    except GranphonError as error:  # a load that the balls cannot carry
+        again, told = scene, str(error)
+        assume("carry" in told or "beyond" in told)
+    assert again == scene
