@@ -1,4 +1,4 @@
-"""A crystal of two kinds of balls, in LAMMPS with the coefficients of each pair of types: forces, and the response to motion."""
+"""A crystal of two kinds of balls, in LAMMPS with the coefficients of each pair of types: forces and frequencies."""
 
 import ctypes
 from dataclasses import replace
@@ -81,8 +81,9 @@ def with_own_radii(pressed):
     return replace(network, **{name: factor * getattr(network, name) for name in names})
 
 
+@pytest.mark.claim("crystal-lammps")
 def test_balls_at_rest_are_at_rest_in_lammps(pressed, lmp, tmp_path):
-    """Contact by contact. LAMMPS takes R from the radii of the balls themselves, and not of the mean ones: 3e-4 of a force."""
+    """LAMMPS takes R in Hertz's law from the radii of the balls themselves, not of the mean ones: 3e-4 of a force."""
     atoms, pairs = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
     packings.write_dumps(lmp, atoms, pairs)
     rows = np.array([line.split() for line in pairs.read_text().split("dz tx ty tz")[-1].split("\n")[1:-1]], float)
@@ -95,8 +96,9 @@ def test_balls_at_rest_are_at_rest_in_lammps(pressed, lmp, tmp_path):
     assert np.max(np.abs(left)) < 1e-3 * np.mean(network.normal_force)
 
 
+@pytest.mark.claim("crystal-lammps")
 def test_frequencies_are_those_of_finite_differences_in_lammps(pressed, lmp):
-    """One step of time at a velocity and spin. Slip is counted with the radii there, with the arms here: parts of overlap/R."""
+    """One step of time at a velocity and spin. LAMMPS counts slip with radii, granphon with arms: parts of overlap/R."""
     network, time, size = pressed.network, 1e-12, 1e-10
     lmp.commands_string(f"{coefficients(True)}\nfix move all nve/sphere\ntimestep {time!r}")
 
