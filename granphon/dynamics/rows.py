@@ -201,9 +201,12 @@ class WaveRows(NamedTuple):
         kinds, contacts = np.any(rows, axis=1), np.any(rows, axis=0)
         if np.all(rows[np.ix_(kinds, contacts)]):
             place: Any = np.ix_(kinds, contacts, columns)
-            return WaveRows(self.odd[place], self.even[place], self.half[contacts])
-        odd, even = (part[rows][None, :, columns] for part in (self.odd, self.even))
-        return WaveRows(odd, even, self.half[np.nonzero(rows)[1]])
+            odd, even, half = self.odd[place], self.even[place], self.half[contacts]
+        else:
+            odd, even = (part[rows][None, :, columns] for part in (self.odd, self.even))
+            half = self.half[np.nonzero(rows)[1]]
+        # complex numbers can be viewed as pairs of reals where they lie one after the other
+        return WaveRows(np.ascontiguousarray(odd), np.ascontiguousarray(even), half)
 
 
 def bend(angle: Array) -> Array:

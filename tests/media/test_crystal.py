@@ -813,13 +813,22 @@ ERRORS = {
     "balls of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), S), "Give balls by symbols"),
     "ball of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), {"Na": 5}), "5 is not a ball"),
     "no atoms": (lambda: gp.Crystal.from_atoms(Atoms(), {"Na": S}), "there are no atoms"),
-    "no contact": (lambda: SQUARE.repeat((3, 3)).remove(range(8)), "touches no other"),
+    "no contact": (lambda: SQUARE.repeat((3, 3)).remove(range(8)), "no balls of crystal .* touch"),
     "no load chosen": (lambda: SQUARE.at_force([1.0, 2.0])[[]], "selects none of the loads"),
     "cluster": (lambda: gp.Crystal([S, S], [], [[0.0], [19.05e-3]]).at_pressure(1.0), "neither periods nor faces"),
     "inside out": (
         lambda: SQUARE.at_strain(-1.5 * np.eye(2), finite_overlap=True), "shortens crystal 'square' by 1.5 of its length",
     ),
     "sweep": (lambda: gp.sweep(SQUARE, force=[1.0]), "Give a granphon.Packing, or press this itself"),
+    "moves aside": (
+        lambda: gp.Crystal.on("diamond", [PLAIN], law=gp.PowerLaw(1.0, 1e6)).repeat((2, 2, 2)).remove(0).at_strain(
+            -1e-5 * np.array([1.0, 1.6, 0.2, -0.2, 0.0, 0.5])
+        ), "all contacts are open under the strain",
+    ),
+    "no face": (
+        lambda: gp.Crystal.on("square", [PLAIN]).repeat((2, 1)).cut(1, 3, "floor").remove([0, 1]), "no ball is left",
+    ),
+    "held alone": (lambda: SQUARE.cut(0, 1, "clamped").repeat((3,)).remove([0, 1]), "touch"),
     "four indices": (lambda: gp.Crystal.on("fcc", [PLAIN]).cut((1, 0, -1, 0), 3), "belong to a hexagonal cell.* Give three"),
     "wrong third": (lambda: gp.Crystal.on("hcp", [PLAIN]).cut((1, 0, 1, 0), 3), "is minus the sum of the first two"),
     "largest force": (
@@ -926,3 +935,13 @@ def test_laws_of_pairs_may_name_a_defect_and_name_each_pair_once():
         gp.Crystal.on("triangular", [one], law=laws | {("steel", "heavy"): gp.Hertz()})
     with pytest.raises(InputError, match=r"is the class Hertz. Give a law, as Hertz\(...\)"):
         gp.Crystal.on("triangular", [one], law=gp.Hertz)
+
+
+@pytest.mark.parametrize(("name", "finite"), [("NaCl", True), ("NaCl", False), ("square", True), ("fcc", True)])
+def test_bands_of_a_supercell_without_friction_are_folded(name, finite):
+    """Under finite overlap static forces act across contacts, and only some of the rows of C are there."""
+    crystal = gp.Crystal.on(name, [PLAIN, SOFT] if name == "NaCl" else [PLAIN], friction=False)
+    p, q = crystal.periods, np.random.default_rng(3).random((2, crystal.periods))
+    one, many = (gp.Phonons(c.at_force(10.0, finite_overlap=finite)) for c in (crystal, crystal.repeat((2,) * p)))
+    folded = [one.frequencies((q + step) / 2.0) for step in itertools.product((0, 1), repeat=p)]
+    assert_allclose(many.frequencies(q), np.sort(np.concatenate(folded, axis=1), axis=1), rtol=1e-9)
