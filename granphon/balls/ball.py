@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from granphon.balls.diameters import Spread, given_spread
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.base.errors import InputError, message
 from granphon.base.validation import label, positive, require
@@ -69,11 +70,14 @@ class Ball:
     inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, that of a solid ball of this mass.
     name : what messages call the kind, and contact laws of a pair of kinds are named by. A crystal calls kinds without a
         name A, B, C, ... in the order in which they come.
+    spread : how the diameters of balls of the kind differ, as for :class:`~granphon.Packing`, about the mean ``diameter``;
+        None for equal ones. A crystal draws them in :meth:`~granphon.Crystal.sample`.
 
     Raises
     ------
     InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia above 2/3 m R^2, that of a
-        shell, which no ball has; something else than a :class:`~granphon.Material`; a name that cannot be read.
+        shell, which no ball has; something else than a :class:`~granphon.Material`; a name that cannot be read; a spread
+        with another mean than the diameter or with a ball of size zero or below.
     """
 
     material: Material
@@ -81,6 +85,7 @@ class Ball:
     mass: float = None  # type: ignore[assignment]  # a number from the constructor on
     inertia: float = None  # type: ignore[assignment]
     name: str = ""
+    spread: Spread | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
@@ -96,6 +101,8 @@ class Ball:
             raise InputError(message(f"inertia is {inertia:g} kg m^2", why, "Compare the units"))
         if self.name != "":
             require("the name of a ball", label, self.name)
+        if self.spread is not None:
+            given_spread(self.spread).check_diameter(diameter)
         for name, value in (("diameter", diameter), ("mass", mass), ("inertia", inertia)):
             object.__setattr__(self, name, value)
 

@@ -299,3 +299,10 @@ class Measured(_Listed):
         if column is None and len(table.headings) == 1 and (quoted or LENGTH.measures(table.headings[0].unit)):
             name = table.headings[0].name
         return cls(tuple(table.column(name, LENGTH).tolist()))
+
+
+def given_spread(spread: Any) -> Spread:
+    """Return ``spread``, the argument of a public call; raises :class:`InputError` if it is not a :class:`Spread`."""
+    if not isinstance(spread, Spread):
+        raise InputError(message(f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured"))
+    return spread

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
 from granphon.balls.hertz import HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
@@ -71,11 +71,7 @@ class Packing:
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
         find_lattice(self.lattice)
         if self.spread is not None:
-            if not isinstance(self.spread, Spread):
-                raise InputError(
-                    message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured")
-                )
-            self.spread.check_diameter(self.diameter)
+            given_spread(self.spread).check_diameter(self.diameter)
         with np.errstate(all="ignore"):  # whatever is not finite is refused
             # scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density, velocity squared
             law, length, mass = self.law, max(self.diameter, self.width), self.mass

@@ -52,6 +52,8 @@ _MOST_BALLS = 10_000_000
 _PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
 #: relative error at which a mean force or overlap is reached, and most states on the way to it
 _MEAN, _MEANS = 4e-15, 60
+#: the first of these of a sample, which is at rest to 1e-12 of the mean force
+_SAMPLED = 1e-11
 #: difference of the exponents of contacts that is put down to rounding
 _SAME_EXPONENT = 1e-9
 #: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest, 2/3 of which is the mean
@@ -96,6 +98,8 @@ class Crystal:
     ----------
     kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has no name.
     kind : (n,) the number of the kind of each ball.
+    deviations : (n,) diameters of the balls of a :meth:`sample`, less those of their kinds, m; None of balls that are not
+        drawn.
     contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
 
     Raises
@@ -118,6 +122,7 @@ class Crystal:
     bending: float
     name: str
     faces: tuple[_Faces, ...]
+    deviations: Array | None
 
     def __init__(
         self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
@@ -156,7 +161,7 @@ class Crystal:
         self._set(
             kinds=kinds, names=_name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
             law=Hertz() if law is None else law, friction=require("friction", truth, friction), motions=motions,
-            torsion=read[0], bending=read[1], name=name, faces=(),
+            torsion=read[0], bending=read[1], name=name, faces=(), deviations=None,
         )  # fmt: skip
 
     def _set(self, **values: Any) -> None:
@@ -268,7 +273,54 @@ class Crystal:
             kind=np.tile(self.kind, count), cell=self.cell * np.array(full)[:, None], contacts=contacts,
             positions=((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension),
             faces=tuple(face._replace(balls=_both(face, lambda at: (first + at).ravel())) for face in self.faces),
+            deviations=None if self.deviations is None else np.tile(self.deviations, count),
         )  # fmt: skip
+
+    def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
+        """Return a supercell whose balls have their own diameters, with the distributions that their kinds have as spreads.
+
+        Parameters
+        ----------
+        shape : (L1, ..., Lp), numbers of cells along the periods; by default one cell.
+        seed : the same seed gives the same diameters on any machine, and those of a sample of
+            :class:`~granphon.DirectSimulation`; a larger sample has those of a smaller one, before their mean is shifted.
+        diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape and a seed.
+
+        Diameters of the balls of a kind are shifted so that their mean is exactly that of the kind. The balls differ little,
+        as those of a packing: they have the masses and the contact laws of the mean balls, and the reference sites stay
+        those at which mean balls touch, so that a contact has the overlap (D_i + D_j)/2 there, of deviations D. In
+        the state at rest some contacts are then open, and some balls may be loose. Means of forces and overlaps, as
+        :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape of the arrays, numbers that are not finite and
+        above zero, and crystals without a spread of which no diameters are given.
+        """
+        p, n, given = self.periods, self.n_balls, None
+        if diameters is not None:
+            given = finite_array("diameters", diameters, "m", "above zero")
+            if given.ndim != p + (n > 1) or (n > 1 and given.shape[-1] != n) or shape is not None:
+                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(p)), *[str(n)] * (n > 1)])
+                what = f"diameters have the shape {given.shape}, and shape is {brief(shape)}"
+                raise InputError(message(what, mend=f"Give an array ({wanted}), and no shape"))
+            shape = given.shape[:p]
+        elif not any(ball.spread for ball in self.kinds):
+            what = f"no ball of crystal {self.name!r} has a spread of diameters"
+            raise InputError(
+                message(what, mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters")
+            )
+        full = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
+        other = self.repeat(full) if p or full else self
+        off = np.zeros(other.n_balls) if given is None else given.ravel().astype(float)
+        for number, ball in enumerate(self.kinds):
+            own = other.kind == number
+            if given is None and ball.spread is not None:
+                off[own] = ball.spread.sample((*full, n) if n > 1 or not p else full, seed).ravel()[own]
+            # twice, so that what remains is zero to the rounding of the deviations, not of the diameters
+            off[own] -= np.mean(off[own])
+            off[own] -= np.mean(off[own])
+            if (least := ball.diameter + float(np.min(off[own]))) <= 0.0:
+                raise InputError(message(f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread"))
+        return other._derive(deviations=off)
 
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
@@ -289,7 +341,10 @@ class Crystal:
             given[one] = ball
         kinds, kind = _find_kinds(given)
         known = dict(zip(self.kinds, self.names, strict=True))
-        return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known))
+        deviations = self.deviations
+        if deviations is not None:
+            deviations = np.where(np.isin(np.arange(self.n_balls), at), 0.0, deviations)
+        return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known), deviations=deviations)
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
         """Return the crystal with other balls of some kinds, by name, at the same places.
@@ -324,7 +379,7 @@ class Crystal:
         known = dict(zip(self.kinds, self.names, strict=True))
         other = self._derive(
             kinds=kinds, kind=kind, names=_name_kinds(kinds, known), positions=self.positions[kept], contacts=contacts,
-            faces=faces,
+            faces=faces, deviations=None if self.deviations is None else self.deviations[kept],
         )  # fmt: skip
         other._require_joined()
         return other
@@ -367,13 +422,14 @@ class Crystal:
         )  # fmt: skip
         positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
         kind, a = np.tile(self.kind, count), p - 1
-        radii = np.tile(self.radii, count)
+        radii = np.tile(self._mean_radii, count)
         faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
         outer = find_faces(positions[:, a], radii, words, n)
         thickness = count * abs(float(stack[a]))
         other = self._derive(
             kind=kind, cell=layering.cell, positions=positions, contacts=contacts,
             faces=(*faces, _Faces(a, thickness, words, outer)),
+            deviations=None if self.deviations is None else np.tile(self.deviations, count),
         )  # fmt: skip
         other._require_joined()
         return other
@@ -444,7 +500,17 @@ class Crystal:
     @cached_property
     def radii(self) -> Array:
         """(n,) radii, m."""
-        return read_only(np.array([ball.radius for ball in self.kinds])[self.kind])
+        return read_only(self._mean_radii + self._bulges)
+
+    @property
+    def _mean_radii(self) -> Array:
+        """(n,) radii of the mean balls of the kinds, m, with which they touch on the sites."""
+        return np.array([ball.radius for ball in self.kinds])[self.kind]
+
+    @property
+    def _bulges(self) -> Array:
+        """(n,) radii of the balls less those of their kinds, m."""
+        return np.zeros(self.n_balls) if self.deviations is None else 0.5 * self.deviations
 
     @property
     def mindlin_ratios(self) -> Array:
@@ -546,7 +612,11 @@ class Crystal:
 
         A wall is the number of the unknown way of a wall.
         """
+        if self.deviations is None and any(ball.spread is not None and ball.spread.rms for ball in self.kinds):
+            what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
+            raise InputError(message(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)"))
         n, d, p, table = self.n_balls, self.dimension, self.periods, self.contacts
+        radii, bulges = self._mean_radii, self._bulges
         place, rider = np.zeros(n, np.intp), np.full(n, -1, np.intp)
         walls: list[tuple[int, int]] = []  # axis and number of balls of each wall that moves
         wall_of = {}
@@ -563,7 +633,7 @@ class Crystal:
         n_free = d * int(np.count_nonzero(free))
         pairs = tuple((a, b) for a in range(p) for b in range(a, p))
         # forces on strains, sums over all contacts, are then of the size of those on balls, root of n as these are in sum
-        length = 2.0 * float(np.mean(self.radii)) * math.sqrt(max(len(table), 1))
+        length = 2.0 * float(np.mean(radii)) * math.sqrt(max(len(table), 1))
         first_wall = n_free + len(pairs)
         parts: list[tuple[Any, Any, Any]] = []
         rows = np.arange(len(table)) * d
@@ -579,7 +649,7 @@ class Crystal:
             parts.append((rows + a, n_free + number, table.vector[:, b] / length))
             if a != b:
                 parts.append((rows + b, n_free + number, table.vector[:, a] / length))
-        vectors, start = [table.vector], len(table)
+        vectors, start, offsets = [table.vector], len(table), [bulges[table.i] + bulges[table.j]]
         for number, face in enumerate(self.faces):
             for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
                 if word != "floor":
@@ -589,12 +659,14 @@ class Crystal:
                 parts.append((own[moves], d * place[at[moves]] + face.axis, -1.0))
                 if side > 0.0 and number in wall_of:
                     parts.append((own, first_wall + wall_of[number], 1.0))
-                vectors.append(side * self.radii[at, None] * np.eye(d)[face.axis])
+                vectors.append(side * radii[at, None] * np.eye(d)[face.axis])
+                offsets.append(bulges[at])
                 start += len(at)
         vector = np.concatenate(vectors)
         flat = np.arange(len(vector)) >= len(table)
         motion = compose(parts, (len(vector) * d, first_wall + len(walls)))
-        frame = Frame(vector, flat, motion, d, self.cell[:, :p], n_free, pairs, tuple(count for _, count in walls), length)
+        counts = tuple(count for _, count in walls)
+        frame = Frame(vector, flat, motion, d, self.cell[:, :p], n_free, pairs, counts, length, np.concatenate(offsets))
         return frame, place, rider
 
     # -- under load -------------------------------------------------------------------------------------------------------
@@ -639,8 +711,8 @@ class Crystal:
     ) -> CrystalState:
         """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
 
-        The mean is that over the contacts that carry a load; of contacts that adhere, over those that touch. ``gravity`` and
-        ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
+        The mean is that over the contacts that carry a load, or touch if they adhere; of balls that differ in diameter that
+        over all contacts. ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
@@ -849,22 +921,23 @@ class Crystal:
         pressure = size * float(np.sum(frame.distance)) / (dimension * area)
         low, high = 0.0, math.inf
         start: Rest | None = None
-        last = math.inf
+        last, before = math.inf, (0.0, math.nan)
+        differ = bool(np.any(frame.offset))
+        enough = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
-            rest = settle(frame, springs, push, start)
-            if follows:
-                rest = settle_exactly(frame, springs, push, rest)
+            small = settle(frame, springs, push, start)
+            rest = settle_exactly(frame, springs, push, small) if follows else small
             force = springs.force(rest.overlap)
             stiffness = springs.stiffness(rest.overlap)
-            loaded = stiffness > 0.0 if springs.adhere else force != 0.0
+            loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
             rounded = 1e-13
             if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
                 parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
                 rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
-            if abs(off) <= _MEAN or (abs(off) <= rounded and abs(off) >= last):
+            if abs(off) <= enough or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
@@ -873,7 +946,12 @@ class Crystal:
             grow = goal / mean if mean / goal > 0.0 else 2.0
             new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
             factor = grow**power if kind == "force" else grow
-            start = Rest(factor * rest.x, factor * rest.overlap, rest.normal)
+            if differ:  # overlaps on the sites do not grow, and their mean follows no power
+                factor = 1.0
+                if math.isfinite(before[1]) and mean != before[1]:
+                    new = pressure + (goal - mean) * (pressure - before[0]) / (mean - before[1])
+                before = pressure, mean
+            start = Rest(factor * small.x, factor * small.overlap, small.normal)
             pressure = new if low < new < high else 0.5 * (low + min(high, 2.0 * pressure))
             if pressure in (low, high):
                 if abs(off) <= rounded:
@@ -1068,7 +1146,9 @@ class CrystalState:
         pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
         """
         crystal, table = self.crystal, self.crystal.contacts
-        small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal.radii[at] for _, _, at in crystal._floors)])
+        small = np.concatenate(
+            [np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[at] for _, _, at in crystal._floors)]
+        )
         ratio = np.max(self.contact_radius / small, axis=-1)
         said = (
             f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
@@ -1145,13 +1225,15 @@ class CrystalState:
         for number, (axis, side, at) in enumerate(floors):
             i.append(at)
             j.append(np.full(len(at), n + number))
-            arm_i.append(crystal.radii[at])
+            arm_i.append(crystal._mean_radii[at])
             arm_j.append(np.zeros(len(at)))
-            positions[n + number, axis] = np.mean(positions[at, axis] + side * crystal.radii[at])
+            positions[n + number, axis] = np.mean(positions[at, axis] + side * crystal._mean_radii[at])
         ends = np.concatenate(i), np.concatenate(j)
         shift, normal = np.zeros((crystal.n_contacts, 3), np.intp), np.zeros((crystal.n_contacts, 3))
         shift[: len(table), :p], normal[:, :d] = table.shift, self.normal
+        # radii less half of the overlap each in the true geometry
         half = 0.5 * self.overlap if follows else 0.0
+        bulges = np.append(crystal._bulges, np.zeros(extra)) * follows
         still = np.isinf(masses)
         kept = (self.normal_stiffness > 0.0) & ~(still[ends[0]] & still[ends[1]])
         allowed = allowed_motions(d)
@@ -1159,7 +1241,8 @@ class CrystalState:
             "i": ends[0], "j": ends[1], "shift": shift, "normal": normal, "normal_force": self.normal_force,
             "normal_stiffness": self.normal_stiffness, "shear_stiffness": self.shear_stiffness,
             "torsion_stiffness": self.torsion_stiffness, "bending_stiffness": self.bending_stiffness,
-            "arm_i": np.concatenate(arm_i) - half, "arm_j": np.concatenate(arm_j) - half,
+            "arm_i": np.concatenate(arm_i) + bulges[ends[0]] - half,
+            "arm_j": np.concatenate(arm_j) + bulges[ends[1]] - half,
         }  # fmt: skip
         own = {name: values[kept] for name, values in fields.items()}
         if follows:  # its statics are those of normal forces alone

@@ -3,7 +3,9 @@
 The unknowns x are the displacements u of the balls, the strain E of the periods and the way h of a wall that presses. A
 contact whose vector from ball to ball is v at touch has the overlap delta, which is linear in x where overlaps are small:
 
-    delta = -n.w,    w = u_j - u_i + E v,    n = v/|v|
+    delta = o - n.w,    w = u_j - u_i + E v,    n = v/|v|
+
+with the overlap o of the balls on their sites, zero but where their radii differ from those of the mean balls that touch.
 
 The state at rest is the minimum of the energy of all contacts less the work of the load. It is a convex problem, as contacts
 push ever harder; the forces at rest are therefore unique, while balls that nothing holds may be anywhere. Newton's method
@@ -11,7 +13,7 @@ with a line search finds the minimum. Where contacts have opened, its matrix is 
 stiffness that falls with the residual is added to all contacts. Overlaps are not computed anew from x but carried along,
 step by step: so their digits do not depend on how large the displacements of a tall column are.
 
-In the true geometry (finite overlap) contacts turn, delta = -(|v + w| - |v|), and the stress is Cauchy's, on the deformed
+In the true geometry (finite overlap) contacts turn, delta = o - (|v + w| - |v|), and the stress is Cauchy's, on the deformed
 cell. Newton's method starts there from the state at small overlap, and its matrix has the term -f/r of turning contacts.
 """
 
@@ -19,13 +21,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
@@ -39,6 +42,12 @@ _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 _ITERATED = 3e-13
 #: largest number of steps of Newton's method, and of slopes in a line search
 _STEPS, _SLOPES = 200, 60
+#: steps in the true geometry, of balls that differ, without half of the residual
+_PATIENT = 60
+#: most saddles of the energy on the way, and doublings of the displacement with which the way down from one begins
+_SADDLES, _DOUBLINGS = 50, 6
+#: curvature below zero, over what forces could make, that is not rounding
+_DOWN = 1e-6
 #: stiffness that is added to all contacts, over the mean, for a residual of the size of the mean force
 _ADDED = 1e-2
 #: stiffness that holds balls which nothing else holds, over the mean
@@ -133,6 +142,7 @@ class Frame:
     dimension, periods, cell : d, p, and the cell (p, p), m.
     n_free : number of displacements among the unknowns, which come first; then the strains (of ``pairs``), as lengths in
         units of ``length``, then the ways of walls, each of ``walls`` balls.
+    offset : (n_c,) overlaps on the sites, where x = 0, m.
     """
 
     vector: Array
@@ -144,6 +154,7 @@ class Frame:
     pairs: tuple[tuple[int, int], ...]
     walls: tuple[int, ...]
     length: float
+    offset: Array
 
     @property
     def periods(self) -> int:
@@ -249,7 +260,7 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
     press = frame.press
     x = np.zeros(press.shape[1])
     x[push.held] = push.given[push.held]
-    overlap = np.asarray(press @ x)
+    overlap = frame.offset + np.asarray(press @ x)
     system = _System(frame, press, push.held)
     if start is not None:
         x, overlap = start.x.copy(), start.overlap.copy()
@@ -267,13 +278,14 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
             while not np.all(np.isfinite(at := springs.overlap(size))) and size[0] > 1e-300:
                 size = 0.5 * size  # a law may have a largest force
         stiffness = springs.stiffness(at)
-        x = system.solve(stiffness, push.force - press.T @ (size - stiffness * at), 1e-3, float(size[0]))
-        overlap = np.asarray(press @ x)
+        x = system.solve(stiffness, push.force - press.T @ (size + stiffness * (frame.offset - at)), 1e-3, float(size[0]))
+        overlap = frame.offset + np.asarray(press @ x)
     x, overlap, residual = _descend(frame, springs, push, system, x, overlap)
     if not springs.adhere or np.any(np.isinf(springs.tension)):
         rounded = (np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap))) & (springs.tension == 0.0)
         overlap = np.where(rounded, 0.0, overlap)
-    return Rest(x, overlap, frame.vector / frame.distance[:, None], residual)
+    rest = Rest(x, overlap, frame.vector / frame.distance[:, None], residual)
+    return replace(rest, overlap=_open_light(springs, rest)) if np.any(frame.offset) and not springs.adhere else rest
 
 
 def _descend(
@@ -365,6 +377,17 @@ class _System:
         self.direct = frame.dimension == 1 or len(self.free) <= _MOST_DIRECT
         self.factored = len(self.free) <= _MOST_FACTORISED[frame.dimension - 1]
         self.inverse: Callable[[Array], Array] | None = None
+        d, n = frame.dimension, int(np.count_nonzero(self.free < frame.n_free))
+        #: displacements of the whole that no wall hinders: iterations would let them grow from rounding
+        self.drifts = [slice(axis, n, d) for axis in range(d) if n == frame.n_free]
+        self.drifts = [one for one in self.drifts if not np.any(np.abs(self.press[:, one].sum(axis=1)) > _ROUNDING)]
+
+    def _stay(self, vector: Array) -> Array:
+        """Return unknowns, or forces on them, without the mean along the axes on which the whole may drift."""
+        out = vector.copy()
+        for one in self.drifts:
+            out[one] -= np.mean(out[one])
+        return out
 
     def renew(self, press: Any) -> None:
         """Take other overlaps (n_c, N) of the unknowns."""
@@ -380,7 +403,7 @@ class _System:
         if not len(self.free):
             return out
         scale = float(np.mean(stiffness))
-        springs, aim = stiffness / scale, right[self.free] / scale
+        springs, aim = stiffness / scale, self._stay(right[self.free] / scale)
         if self.direct:
             out[self.free] = factorise(self._matrix(self.press, springs, _HOLD)).solve(aim)
             return out
@@ -431,7 +454,7 @@ class _System:
             def solve(force: Array) -> Array:
                 return np.asarray(np.einsum("nab,nb->na", blocks, force.reshape(-1, d)).ravel())
 
-        return lambda vector: np.concatenate([solve(vector[:n]), vector[n:] / diagonal])
+        return lambda vector: self._stay(np.concatenate([solve(self._stay(vector)[:n]), vector[n:] / diagonal]))
 
     def _find_blocks(self, stiffness: Array, n: int) -> Array:
         """Return the inverse blocks (balls, d, d) of the ``n`` displacements."""
@@ -457,8 +480,46 @@ class _System:
 # -- in the true geometry ---------------------------------------------------------------------------------------------------
 
 
+class _Configuration:
+    """The contacts and forces of a crystal at unknowns ``x``, in the true geometry.
+
+    ``pull`` (N,) are the forces left on the unknowns, and ``residual`` is the largest over the ``mean`` force.
+    """
+
+    def __init__(self, frame: Frame, springs: Springs, push: Push, x: Array) -> None:
+        d, v, p = frame.dimension, frame.vector, frame.periods
+        w = np.asarray(frame.motion @ x).reshape(len(v), d)
+        now = v + w
+        r = np.where(frame.flat, np.inf, np.linalg.norm(now, axis=1))
+        normal = np.where(frame.flat[:, None], v / frame.distance[:, None], now / r[:, None])
+        stretch = np.einsum("ca,ca->c", 2.0 * v + w, w) / (r + frame.distance)
+        overlap = frame.offset - np.where(frame.flat, np.einsum("ca,ca->c", normal, w), stretch)
+        self.x, self.r, self.normal = x, r, normal
+        self.overlap = np.where(np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap)), 0.0, overlap)
+        self.force = springs.force(self.overlap)
+        self.mean = springs.size(self.force)
+        self.deformed = np.eye(p) + frame.strain(x)
+        self.area = float(np.linalg.det(self.deformed)) if p else 1.0
+        wanted = push.force + (self.area - 1.0) * push.pressed
+        if push.stress is not None and p and self.area > 0.0:
+            work = push.stress @ np.linalg.inv(self.deformed) * self.area
+            wanted[frame.strains] = frame.work_of(0.5 * (work + work.T))
+        self.press = frame.along(normal)
+        self.pull = np.where(push.held, 0.0, wanted - self.press.T @ self.force)
+        self.residual = float(np.max(np.abs(self.pull) * frame.weights, initial=0.0)) / self.mean if self.mean else math.inf
+        #: whether balls are apart and touch some others, and the cell is not inside out
+        self.is_sound = bool(self.mean and np.all(np.isfinite(x)) and np.all(r > 0.0)) and (
+            not p or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
+        )
+
+
 def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> Rest:
     """Find the state at rest where contacts turn and the cell deforms, from that at small overlap.
+
+    Where radii differ, contacts open and balls that they held lean on others: a step of Newton's method that leaves more
+    force than there was is replaced by one of the matrix in which forces push balls back instead of aside (-f/r has the
+    other sign), with a line search, as the energy falls along it. Where balls are at rest but the energy is not
+    least, they go downhill along the softest motion.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it.
     """
@@ -466,59 +527,104 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
 
     if not (np.any(start.overlap) or np.any(push.force)):
         return start  # bonds without a load
-    x, d, v = start.x.copy(), frame.dimension, frame.vector
-    n_c, p, free = len(v), frame.periods, ~push.held
-    best, stalled, kept = math.inf, 0, start
-    row, column = (
-        np.repeat(np.arange(n_c * d).reshape(n_c, d, 1), d, 2),
-        np.tile(np.arange(n_c * d).reshape(n_c, 1, d), (1, d, 1)),
-    )
+    d, n_c, differ = frame.dimension, len(frame.vector), bool(np.any(frame.offset))
+    best, stalled, kept, saddles = math.inf, 0, start, 0
+    places = np.arange(n_c * d).reshape(n_c, d)
+    row, column = np.repeat(places[:, :, None], d, 2), np.repeat(places[:, None], d, 1)
     system = _System(frame, frame.press, push.held)
+
+    def derive(here: _Configuration, sign: float, added: float) -> tuple[Any, float]:
+        """Return the matrix of Newton's method, without the load's, and the mean stiffness; ``added`` is over that."""
+        stiffness = springs.stiffness(here.overlap)
+        mean = float(np.mean(stiffness))
+        across = sign * here.force / here.r
+        block = (stiffness + added * mean + across)[:, None, None] * here.normal[:, :, None] * here.normal[:, None, :]
+        block -= across[:, None, None] * np.eye(d)
+        middle = coo_array((block.ravel(), (row.ravel(), column.ravel())), shape=(n_c * d, n_c * d)).tocsr()
+        return frame.motion.T @ (middle @ frame.motion), mean
+
+    def find_step(here: _Configuration, sign: float) -> Array:
+        if not system.factored:
+            system.renew(here.press)
+            return system.solve(springs.stiffness(here.overlap), here.pull, 1e-4, here.mean)
+        matrix, mean = derive(here, sign, 0.0 if sign > 0.0 else _ADDED * min(1.0, here.residual))
+        if sign > 0.0:
+            matrix = matrix - _follow(frame, push, here.deformed, here.area)
+        return _solve_indefinite(matrix, system.free, here.pull, mean)
+
+    def go_down(here: _Configuration) -> _Configuration | None:
+        """Return where to go on from a saddle of the energy; None at a minimum."""
+        from scipy.sparse import eye_array
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        balls = system.free[system.free < frame.n_free]
+        matrix, mean = derive(here, 1.0, 0.0)
+        own = (matrix.tocsr()[balls][:, balls] / mean).tocsc()
+        # forces push no ball aside more than twice all that act on one
+        most = 4.0 * float(np.max((np.abs(frame.press.T) @ (here.force / here.r))[: frame.n_free])) / mean
+        solve = factorise(own + most * eye_array(len(balls)), pivot=0.01).solve
+        inverse = LinearOperator(own.shape, matvec=solve, dtype=float)
+        value, vector = eigsh(own, k=1, sigma=-most, OPinv=inverse, v0=np.cos(np.arange(len(balls)) ** 2.0))
+        if value[0] > -_DOWN * most:
+            return None
+        way = np.zeros_like(here.x)
+        way[balls] = vector[:, 0] * 1e-2 * float(np.max(np.abs(frame.offset))) / float(np.max(np.abs(vector)))
+        way *= math.copysign(1.0, float(here.pull @ way))
+        for doubling in range(_DOUBLINGS):
+            ahead = _Configuration(frame, springs, push, here.x + 2.0**doubling * way)
+            if doubling and float(ahead.pull @ way) < 0.0:
+                break
+            there = ahead
+        return there
+
+    def search(here: _Configuration, step: Array) -> _Configuration:
+        """Go along a step until the energy no longer falls much: its slope is that of the forces left."""
+        first, low, high, length = float(here.pull @ step), 0.0, math.inf, 1.0
+        for _ in range(_SLOPES):
+            there = _Configuration(frame, springs, push, here.x + length * step)
+            slope = float(there.pull @ step) if there.is_sound else -math.inf
+            if abs(slope) <= 0.3 * abs(first) or (slope > 0.0 and length >= 1.0):
+                break
+            low, high = (length, high) if slope > 0.0 else (low, length)
+            length = 0.5 * (low + high)
+        return there
+
+    here = _Configuration(frame, springs, push, start.x.copy())
     for _ in range(_STEPS):
-        w = np.asarray(frame.motion @ x).reshape(n_c, d)
-        now = v + w
-        r = np.where(frame.flat, np.inf, np.linalg.norm(now, axis=1))
-        normal = np.where(frame.flat[:, None], v / frame.distance[:, None], now / r[:, None])
-        stretch = np.einsum("ca,ca->c", 2.0 * v + w, w) / (r + frame.distance)
-        overlap = -np.where(frame.flat, np.einsum("ca,ca->c", normal, w), stretch)
-        overlap = np.where(np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap)), 0.0, overlap)
-        force = springs.force(overlap)
-        mean = springs.size(force)
-        if not (mean and np.all(np.isfinite(x)) and np.all(r > 0.0)):
+        if not here.is_sound:
             break
-        deformed = np.eye(p) + frame.strain(x)
-        if p and np.min(np.linalg.eigvalsh(deformed)) <= 0.0:
-            break  # the cell is inside out
-        area = float(np.linalg.det(deformed)) if p else 1.0
-        wanted = push.force + (area - 1.0) * push.pressed
-        if push.stress is not None and p:
-            work = push.stress @ np.linalg.inv(deformed) * area
-            wanted[frame.strains] = frame.work_of(0.5 * (work + work.T))
-        press = frame.along(normal)
-        pull = np.where(free, wanted - press.T @ force, 0.0)
-        residual = float(np.max(np.abs(pull) * frame.weights, initial=0.0)) / mean
-        stalled = stalled + 1 if residual > 0.5 * best else 0
-        if residual < best:
-            best, kept = residual, Rest(x, overlap, normal, residual)
-        if residual <= (_TOLERANCE if system.direct else _ITERATED) or (best <= _REQUIRED and stalled > 2):
-            return kept
-        if stalled > 20:
+        stalled = stalled + 1 if here.residual > 0.5 * best else 0
+        if here.residual < best:
+            best, kept = here.residual, Rest(here.x, here.overlap, here.normal, here.residual)
+        if here.residual <= (_TOLERANCE if system.direct else _ITERATED) or (best <= _REQUIRED and stalled > 2):
+            if not differ:
+                return kept
+            down = go_down(_Configuration(frame, springs, push, kept.x)) if system.factored and saddles < _SADDLES else None
+            if down is None:
+                return kept if springs.adhere else replace(kept, overlap=_open_light(springs, kept))
+            here, best, stalled, saddles = down, math.inf, 0, saddles + 1
+            continue
+        if stalled > (_PATIENT if differ else 20) or not np.any(springs.stiffness(here.overlap)):
             break
-        stiffness = springs.stiffness(overlap)
-        if not np.any(stiffness):
-            break
-        if system.factored:
-            across = force / r
-            block = (stiffness + across)[:, None, None] * normal[:, :, None] * normal[:, None, :]
-            block -= across[:, None, None] * np.eye(d)
-            middle = coo_array((block.ravel(), (row.ravel(), column.ravel())), shape=(n_c * d, n_c * d)).tocsr()
-            matrix = frame.motion.T @ (middle @ frame.motion) - _follow(frame, push, deformed, area)
-            x = x + _solve_indefinite(matrix, system.free, pull, float(np.mean(stiffness)))
-        else:
-            system.renew(press)
-            x = x + system.solve(stiffness, pull, 1e-4, mean)
-    why = "Its contacts turn away under the load, and nothing holds it"
-    raise InstabilityError(message(f"the crystal collapses under {push.words}", why, "Lower the load, or add contacts"))
+        step = find_step(here, 1.0)
+        there = _Configuration(frame, springs, push, here.x + step)
+        if differ and not (there.is_sound and there.residual < here.residual and float(here.pull @ step) >= 0.0):
+            there = search(here, find_step(here, -1.0))
+        here = there
+    why, mend = "Its contacts turn away under the load, and nothing holds it", "Lower the load, or add contacts"
+    if differ:
+        mend = "Leave finite_overlap out: contacts then keep the directions of the sites; or press balls more that are loose"
+    raise InstabilityError(message(f"the crystal collapses under {push.words}", why, mend))
+
+
+def _open_light(springs: Springs, rest: Rest) -> Array:
+    """Return the overlaps (n_c,), without those whose force may be a residual only, where nothing holds a ball.
+
+    Stiffness at such contacts would hold it.
+    """
+    force = springs.force(rest.overlap)
+    light = np.abs(force) <= CARRIED_FORCE * rest.residual * springs.size(force)
+    return np.where(light, np.minimum(rest.overlap, springs.least), rest.overlap)
 
 
 def _follow(frame: Frame, push: Push, deformed: Array, area: float) -> Any:

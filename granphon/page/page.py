@@ -14,6 +14,8 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.scales import write_quantity
+from granphon.base.text import counted
+from granphon.figures.style import colour_kinds
 from granphon.media.choice import MediumChoice
 from granphon.media.network_state import NetworkState
 from granphon.networks.network import given_network
@@ -53,6 +55,8 @@ def describe_network_page(
 ) -> dict[str, Any]:
     """Return all that the page of a network computes from; it has no sliders but those of the mode.
 
+    Balls are drawn with their radii, and kinds of balls with the names and colours of figures.
+
     Parameters
     ----------
     source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
@@ -78,8 +82,17 @@ def describe_network_page(
         ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
         *([["Mean force of a contact", write_quantity(float(force.mean()), "N")]] if force.size else []),
     ]  # fmt: skip
+    kinds, names = [], np.array(state.kinds)
+    radii, masses = (one[network.moving] for one in (network.radii, network.masses))
+    for name, colour in colour_kinds(state.kinds).items():
+        own = np.flatnonzero(names == name)
+        kinds.append({"name": name, "colour": colour, "balls": own.tolist()})
+        sizes = write_quantity(1e3 * float(masses[own].mean()), "g"), write_quantity(2.0 * float(radii[own].mean()), "m")
+        several = "mean " if max(np.ptp(radii[own]) / radii[own[0]], np.ptp(masses[own]) / masses[own[0]]) > 1e-9 else ""
+        facts.append([name, f"{counted(own.size, 'ball')}, {several}{sizes[0]}, {several}diameter {sizes[1]}"])
     return {
-        "schema": PAGE_SCHEMA, "lattice": describe_network(lattice, "network"),
+        "schema": PAGE_SCHEMA, "kinds": kinds,
+        "lattice": describe_network(lattice, "network") | {"radii": (radii / scales.length).tolist()},
         "balls": {"diameter": scales.length, "mass": scales.mass, "stiffness": scales.stiffness},
         "fixed": {**fixed, "spacing": 1.0, "push": float(lattice.is_prestressed)}, "facts": facts,
         "units": {"modulus": "N" if p == 1 else "Pa"}, "media": [{"name": "network", "words": "network", "valid": 0.0}],

@@ -21,8 +21,9 @@ from granphon.balls.motions import allowed_motions
 from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError
 from granphon.cli.commands import main
 from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.figures.style import KIND_COLOURS
 from granphon.media.choice import MediumChoice
-from granphon.page.bundle import fill_template, join_modules, read_asset
+from granphon.page.bundle import fill_template, join_modules, read_asset, wrap_three
 from granphon.page.lattice_data import describe_lattice
 from granphon.page.page import describe_network_page, describe_page, make_page
 from granphon.page.phononwebsite import write_phononwebsite
@@ -129,7 +130,7 @@ def check_agreement(case: dict[str, Any], found: dict[str, Any]) -> None:
 
 def run_node(program: str, **given: Any) -> Any:
     """Run the modules of the page that compute, and then a program that prints JSON, with ``given`` as constants."""
-    text = join_modules("long_waves", "state")
+    text = join_modules("long_waves", "state", "mode_view", "numbers_view")
     constants = "".join(f"const {name} = {json.dumps(value)};\n" for name, value in given.items())
     assert NODE is not None
     run = subprocess.run(
@@ -198,6 +199,55 @@ def test_pages_of_networks_too_large_or_without_periods_are_refused():
     with pytest.raises(InputError, match="repeats along no axis"):
         make_page(ribbon(network.repeat((3, 3))))
     assert "Mean normal stiffness" in make_page(network.repeat((2, 2)))
+
+
+#: a view of balls that are built, by the library that draws them, but not drawn: nothing of a browser is there
+BUILT = """
+globalThis.ResizeObserver = class { observe() {} };
+const view = Object.assign(Object.create(ModeView.prototype), {
+  canvas: { clientWidth: 100, clientHeight: 100 }, data: data.lattice, kinds: data.kinds, balls: listBalls(data.lattice),
+  renderer: { setPixelRatio() {}, setSize() {}, render() {} }, angles: [0, 0], time: 0,
+});
+globalThis.devicePixelRatio = 1;
+globalThis.document = {};
+globalThis.getComputedStyle = () => ({ getPropertyValue: () => "#123456" });
+view.build();
+view.recolour();
+view.show(data.lattice.positions.map(() => Array(6).fill([0, 0])), [0, 0, 0], false);
+view.render();
+const [colour, matrix, scale] = [new THREE.Color(), new THREE.Matrix4(), new THREE.Vector3()];
+const balls = view.balls.map(({ site }, n) => {
+  view.mesh.getColorAt(n, colour);
+  view.mesh.getMatrixAt(n, matrix);
+  return [site, `#${colour.getHexString()}`, scale.setFromMatrixScale(matrix).x];
+});
+const element = { tBodies: [{}] };
+drawNumbers(element, data, {}, {}, { statement: { mechanism: "none" }, waves: [] }, []);
+console.log(JSON.stringify([balls, element.tBodies[0].innerHTML]));
+"""
+
+
+@needs_node
+def test_kinds_have_their_colours_sizes_and_names_on_the_page():
+    steel = gp.Material(193e9, 0.30, 8000.0)
+    large = gp.Ball(steel, 8e-3, name="large & <b>heavy")
+    small = gp.Ball(steel, (np.sqrt(2.0) - 1.0) * 8e-3, name="small")
+    crystal = gp.Crystal([small, large], np.diag([8e-3, 8e-3]), [[4e-3, 4e-3], [0, 0]])
+    data = describe_network_page(crystal.at_pressure(10.0))
+    first, second = KIND_COLOURS[:2]
+    assert data["kinds"] == [
+        {"name": "small", "colour": first, "balls": [0]}, {"name": "large & <b>heavy", "colour": second, "balls": [1]},
+    ]  # fmt: skip
+    assert np.allclose(data["lattice"]["radii"], [(np.sqrt(2.0) - 1.0) / np.sqrt(2.0), 1.0 / np.sqrt(2.0)], rtol=1e-12)
+    assert ["small", "1 ball, 152.42 mg, diameter 3.3137 mm"] in data["facts"]
+    balls, table = run_node(f"{wrap_three()}\n{BUILT}", data=data)
+    assert len(balls) > 20
+    for site, colour, size in balls:
+        assert colour == data["kinds"][site]["colour"].lower()
+        assert size == pytest.approx(2.0 * data["lattice"]["radii"][site], rel=1e-6)
+    assert "large &amp; &lt;b>heavy" in table
+    assert "<b>" not in table
+    assert describe_network_page(gp.Crystal.on("square", [large]).at_pressure(10.0))["kinds"] == []
 
 
 @needs_node

@@ -33,7 +33,13 @@ setTheme(state.theme);
 const bandsView = new BandsView(byId("bands"), (point, branch) => {
   change({ place: current.path.places[point] / current.path.length, branch });
 });
-const modeView = new ModeView(byId("mode"), data.lattice);
+const modeView = new ModeView(byId("mode"), data.lattice, data.kinds ?? []);
+for (const { name, colour } of data.kinds ?? []) {
+  const mark = document.createElement("span");
+  mark.className = "kind";
+  mark.style.background = colour;
+  byId("kinds").append(mark, name);
+}
 const controls = makeControls();
 listen();
 redraw();

@@ -13,9 +13,11 @@ const LARGEST = 0.2;
 const PERIOD = 2.4; // s
 
 export class ModeView {
-  constructor(canvas, data) {
+  // `kinds` are balls of several kinds: {colour, balls}, of which the sites are listed
+  constructor(canvas, data, kinds) {
     this.canvas = canvas;
     this.data = data;
+    this.kinds = kinds;
     canvas.style.aspectRatio = String(1 / SHAPE[data.periods]);
     this.balls = listBalls(data);
     this.time = 0;
@@ -58,7 +60,9 @@ export class ModeView {
   recolour() {
     if (!this.renderer) return;
     this.links.material.color.set(themeColour("soft"));
-    const [plain, marked] = [new THREE.Color(themeColour("ball")), new THREE.Color(themeColour("turn"))];
+    // the colour of a kind multiplies those of the parts: half of each ball is darker
+    const parts = this.kinds.length ? ["#ffffff", "#999999"] : [themeColour("ball"), themeColour("turn")];
+    const [plain, marked] = parts.map((one) => new THREE.Color(one));
     const { position, color } = this.sphere.attributes;
     for (let at = 0; at < position.count; at += 3) {
       // the eight parts of a ball alternate, so that a spin about any axis is seen; each triangle has one colour
@@ -82,6 +86,8 @@ export class ModeView {
     const material = new THREE.MeshLambertMaterial({ vertexColors: true });
     this.mesh = new THREE.InstancedMesh(this.sphere, material, this.balls.length);
     this.mesh.frustumCulled = false;
+    const colours = colourSites(this.kinds).map((one) => new THREE.Color(one));
+    if (colours.length) this.balls.forEach((ball, n) => this.mesh.setColorAt(n, colours[ball.site]));
     this.pairs = listPairs(this.data, this.balls);
     const ends = new THREE.BufferGeometry();
     ends.setAttribute("position", new THREE.BufferAttribute(new Float32Array(6 * this.pairs.length), 3));
@@ -142,7 +148,7 @@ export class ModeView {
     const matrix = new THREE.Matrix4();
     const spin = new THREE.Quaternion();
     const axis = new THREE.Vector3();
-    const one = new THREE.Vector3(1, 1, 1);
+    const stretch = new THREE.Vector3();
     const places = this.balls.map((ball, n) => {
       const motion = this.motions[ball.site];
       const [cosine, sine] = [Math.cos(this.phases[n] - angle), Math.sin(this.phases[n] - angle)];
@@ -151,7 +157,7 @@ export class ModeView {
       axis.set(now[3], now[4], now[5]);
       const turned = axis.length();
       spin.setFromAxisAngle(turned > 0 ? axis.divideScalar(turned) : axis.set(0, 0, 1), turned);
-      this.mesh.setMatrixAt(n, matrix.compose(place, spin, one));
+      this.mesh.setMatrixAt(n, matrix.compose(place, spin, stretch.setScalar(ball.size)));
       return place;
     });
     this.mesh.instanceMatrix.needsUpdate = true;
@@ -169,7 +175,14 @@ function magnitude(components) {
   return Math.sqrt(components.reduce((sum, [re, im]) => sum + re * re + im * im, 0));
 }
 
-// Balls whose centres lie within reach of the middle: {site, shift, place, fractions}
+// The colour of the balls at each site, in the order of the sites
+export function colourSites(kinds) {
+  const colours = [];
+  for (const { colour, balls } of kinds) for (const site of balls) colours[site] = colour;
+  return colours;
+}
+
+// Balls whose centres lie within reach of the middle: {site, shift, place, fractions, size}; the size is over the mean one
 function listBalls(data) {
   const p = data.periods;
   const reach = REACH[p];
@@ -182,7 +195,7 @@ function listBalls(data) {
       if (Math.hypot(...place.slice(0, p)) > reach) return;
       const from = position.map((x, axis) => x + shift.reduce((sum, n, a) => sum + n * data.cell[a][axis], 0));
       const fractions = shift.map((_, a) => data.reciprocal[a].reduce((sum, g, axis) => sum + g * from[axis], 0) / (2 * Math.PI));
-      found.push({ site, shift, place, fractions });
+      found.push({ site, shift, place, fractions, size: 2 * (data.radii?.[site] ?? 0.5) });
     });
   };
   const walk = (shift) => {

@@ -5,6 +5,7 @@ import { latticeSettings } from "./state.js";
 import { findContact } from "./medium.js";
 import { makeLattice } from "./lattice.js";
 import { printNumber, printQuantity } from "./units.js";
+import { escapeText } from "./zone_view.js";
 
 const WAVES = {
   longitudinal: "longitudinal", transverse: "transverse", transverse_slow: "transverse, slow", transverse_fast: "transverse, fast",
@@ -56,7 +57,7 @@ export function followSound(data, state) {
 }
 
 export function drawNumbers(element, data, state, contact, lattice, sound) {
-  const facts = data.facts ?? listFacts(data, state, contact, lattice);
+  const facts = data.facts?.map((pair) => pair.map(escapeText)) ?? listFacts(data, state, contact, lattice);
   const rows = [
     ["head", data.fixed ? "Network" : "State"],
     ...facts,

@@ -45,7 +45,7 @@ export function drawZone(element, data, fractions) {
 }
 
 // Labels come from the scene: what they say is text
-function escapeText(text) {
+export function escapeText(text) {
   return text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 }
 
