@@ -164,12 +164,11 @@ class Block:
         """Find frequencies (n_q, n) alone, ascending; of many motions from D(q) where that loses no digits."""
         if self.size <= MANY_COLUMNS:
             return self.solve(q)[0]
-        point = self._compute(q)
-        values, trusted = well_conditioned_values(self._make_matrix(point.rows, point.across))
-        rest = np.flatnonzero(~trusted)
-        if rest.size:
-            more = (None if part is None else part[rest] for part in point[2:])
-            values[rest] = self._decompose(_Point(point.q[rest], point.rows[rest], *more))[0]
+        # in the plain frame: the tilted one keeps digits near Gamma, where these are not trusted
+        across = None if self.pushing is None else self.pushing.compute_rows(q)
+        values, trusted = well_conditioned_values(self._make_matrix(self.deforming.compute_rows(q), across))
+        if not np.all(trusted):
+            values[~trusted] = self._decompose(self._compute(q[~trusted]))[0]
         return values
 
     def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:

@@ -452,53 +452,44 @@ class ContactNetwork(Result):
         if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
             what = f"some contacts reach across {counted(count, 'layer')}"
             raise InputError(message(what, "None of them would be left", f"Give {reach + 1} layers or more"))
-        i, j, row, inner = cut.unfold(self.i, self.j, self.shift[:, periods], n, count)
+        # contacts of the layers and of those beyond, numbered from the lower face; one end of those that are cut is outside
+        i, j, row, inner = cut.unfold(self.i, self.j, self.shift[:, periods], n, count + 2 * reach)
+        i, j, total = i - reach * n, j - reach * n, n * count
+        has_i, has_j = (i >= 0) & (i < total), (j >= 0) & (j < total)
+        kept = has_i & has_j
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         balls["positions"] = ((self.positions @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
         faces = find_faces(balls["positions"][:, p], balls["radii"], words, n)
-        contacts: dict[str, Any] = {name: getattr(self, name)[row] for name in self.contact_fields}
+        contacts: dict[str, Any] = {name: getattr(self, name)[row[kept]] for name in self.contact_fields}
         contacts |= {name: contacts[name] @ turn.T for name in ("normal", "tangential_force") if name in contacts}
-        contacts |= {"i": i, "j": j, "shift": np.pad(inner, ((0, 0), (0, 3 - p)))}
-        # what each ball of a layer has lost at a face: contacts, as seen from it, that lead out through the face
-        total = n * count
+        contacts |= {"i": i[kept], "j": j[kept], "shift": np.pad(inner[kept], ((0, 0), (0, 3 - p)))}
         for side, word, at in zip((-1.0, 1.0), words, faces, strict=True):
             if word == "clamped":
                 balls["masses"][at] = np.inf
             if word != "floor":
                 continue
-            toward = self.normal @ turn.T[:, p]
-            own, lost = [], []
-            for ball, up, sign in ((self.i, rise, 1.0), (self.j, -rise, -1.0)):
-                out = np.flatnonzero(side * up > 0)
-                # the ball is so deep below the face that the other end of the contact is outside
-                deep = [out[np.abs(up[out]) > depth] for depth in range(reach)]
-                own += [ball[one] + n * (depth if side < 0.0 else count - 1 - depth) for depth, one in enumerate(deep)]
-                lost += [np.stack([one, np.full(len(one), int(sign))]) for one in deep]
-            ball, (which, sign) = np.concatenate(own), np.concatenate(lost, axis=1)
-            spare = np.setdiff1d(at, ball)
-            if spare.size:
+            lost = np.flatnonzero((has_i | has_j) & ((np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total)))
+            ball, out = np.where(has_i, i, j)[lost], np.where(has_i, side, -side)[lost]
+            lost, ball, out = (one[np.isin(ball, at)] for one in (lost, ball, out))
+            if (spare := np.setdiff1d(at, ball)).size:
                 what = f"ball {spare[0]} of the {'lower' if side < 0.0 else 'upper'} face has lost no contact there"
                 raise InputError(message(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it"))
-            place = np.full(total, len(at))
-            place[at] = np.arange(len(at))
-            kept = place[ball] < len(at)
-            place, which, sign = place[ball][kept], which[kept], sign[kept]
-            share, m = np.bincount(place), len(at)
-            wall: dict[str, Any] = {
-                name: np.bincount(place, getattr(self, name)[which]) / share
-                for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+            place, which, m = np.searchsorted(at, ball), row[lost], len(at)
+            springs = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+            each = {name: getattr(self, name)[which] for name in springs}
+            each["arm_i"] = np.where(has_i[lost], self.arm_i[which], self.arm_j[which])
+            wall: dict[str, Any] = {name: np.bincount(place, one) / np.bincount(place) for name, one in each.items()}
+            toward = out * (self.normal[which] @ turn.T[:, p])
+            wall |= {
+                "i": at,
+                "j": np.full(m, len(balls["masses"])),
+                "arm_j": np.zeros(m),
+                "shift": np.zeros((m, 3), np.intp),
             }
-            wall["normal_force"] = np.bincount(place, self.normal_force[which] * sign * side * toward[which])
-            normal = np.zeros((m, 3))
-            normal[:, p] = side
-            arm = np.where(sign > 0.0, self.arm_i[which], self.arm_j[which])
-            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "shift": np.zeros((m, 3), np.intp), "normal": normal}
-            wall |= {"arm_i": np.bincount(place, arm) / share, "arm_j": np.zeros(m)}
-            if "tangential_force" in contacts:
-                wall["tangential_force"] = np.zeros((m, 3))
+            wall |= {"normal": side * np.eye(3)[np.full(m, p)], "tangential_force": np.zeros((m, 3))}
+            wall["normal_force"] = np.bincount(place, self.normal_force[which] * toward)
             contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
-            spot = np.zeros(3)
-            spot[p] = np.mean(balls["positions"][at, p] + side * balls["radii"][at])
+            spot = np.eye(3)[p] * np.mean(balls["positions"][at, p] + side * balls["radii"][at])
             balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
             balls["positions"] = np.concatenate([balls["positions"], spot[None]])
         still = np.isinf(balls["masses"])
@@ -513,14 +504,12 @@ class ContactNetwork(Result):
             if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
                 raise InputError(message("the clamped balls of an edge touch none that moves", mend="Give more layers"))
         # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
-        name = np.where(still, np.count_nonzero(~still), np.cumsum(~still) - 1)
-        size = int(np.count_nonzero(~still))
-        ends, held = (name[i], name[j]), bool(np.any(still))
-        rings = np.eye(p, dtype=np.intp) if held else np.zeros((0, p), np.intp)
+        size, held = int(np.count_nonzero(~still)), bool(np.any(still))
+        name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
+        one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
         require_joined(
-            np.append(ends[0], np.full(len(rings), size)), np.append(ends[1], np.full(len(rings), size)),
-            np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network", mend="Give more layers",
-        )  # fmt: skip
+            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network", mend="Give more layers"
+        )
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
         floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)

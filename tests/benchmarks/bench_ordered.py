@@ -271,4 +271,29 @@ def directions(repeats: int) -> list[Row]:
     return found
 
 
-PARTS: dict[str, Part] = {"bands": bands, "command": command, "directions": directions}
+def edges(repeats: int) -> list[Row]:
+    """A map of a surface, 200 wave vectors by 400 frequencies with six motions, and a slab of 100 layers."""
+    import granphon as gp
+
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc", friction=True)
+    network = gp.AveragedLattice(packing).at_force(18.446).network
+    surface, slab = gp.Surface(network, (1, 1, 0)), gp.Phonons(network.cut((1, 1, 0), 100))
+    q, f = np.linspace(0.01, 0.5, 200)[:, None] * [1.0, 0.0], np.linspace(0.0, 8e4, 400)
+    blocks = np.random.default_rng(0).normal(size=(len(q) * len(f), 6, 12)).view(complex)
+    few = np.array([[0.11, 0.23], [0.41, 0.07]])
+    matrices = slab.lattice.dynamical_matrix(slab.lattice.wavevectors(few))
+    times = alternate(
+        min(repeats, 3), map=lambda: surface.spectrum(q, f), inverses=lambda: np.linalg.inv(blocks),
+        slab=lambda: slab.frequencies(few), values=lambda: np.linalg.eigvalsh(matrices),
+    )  # fmt: skip
+    return [
+        over(
+            "surface of fcc, 200 q x 400 frequencies: the map over one inverse of each block", times, "map", "inverses", 60.0
+        ),
+        over(
+            "slab of fcc, 100 layers: its frequencies over eigenvalues of D(q) that is there", times, "slab", "values", 8.0
+        ),
+    ]
+
+
+PARTS: dict[str, Part] = {"bands": bands, "command": command, "directions": directions, "edges": edges}
