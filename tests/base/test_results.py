@@ -244,6 +244,9 @@ def every(packing, results):
         )
     )
     found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
+    surface = gp.Surface(gp.AveragedLattice(packing).at_force(5.0), 1)
+    q = [[0.3]]
+    found += [surface.spectrum(q, [1e3, 2e3]), surface.branches(q)]
     return {type(result): result for result in found}
 
 
