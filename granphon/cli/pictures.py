@@ -195,10 +195,10 @@ def export_scene(
 ) -> None:
     """Write the bands and modes of a scene for another program.
 
-    The file is the JSON of phononwebsite, a viewer in the browser. A ball is an iron atom; a ball that turns carries two
-    hydrogen atoms as marks, which show its rotation. The name in the file says the unit of the frequencies. The path and
-    the number of its points are those of the scene. The scene must have one state: one load, one medium, and no block
-    'sweep'.
+    The file is the JSON of phononwebsite, a viewer in the browser. A ball is an iron atom, and balls of other kinds are of
+    other elements; a ball that turns carries two hydrogen atoms as marks, which show its rotation. The name in the file
+    says the unit of the frequencies. The path and the number of its points are those of the scene. The scene must have one
+    state: one load, one medium, and no block 'sweep'.
 
     \b
     Examples:

@@ -711,8 +711,8 @@ class Crystal:
     ) -> CrystalState:
         """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
 
-        The mean is that over the contacts that carry a load, of balls that differ in diameter that over all contacts.
-        ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
+        The mean is that over the contacts that carry a load, or touch if they adhere; of balls that differ in diameter that
+        over all contacts. ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
@@ -789,11 +789,12 @@ class Crystal:
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
         """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
-        given, p = finite_array(name, values), self.periods
+        p = self.periods
         if not p:
             raise InputError(
                 message(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
             )
+        given = finite_array(name, values)
         voigt = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}[p]
         if p == 1 and given.ndim == 0:
             given = given[None]
@@ -839,8 +840,8 @@ class Crystal:
             out[: frame.n_free] = (self.masses[free, None] * field).ravel()
         return out
 
-    def _tell_lift(self, field: Array | None) -> tuple[str, str] | None:
-        """Say, as a reason and what mends it, that gravity acts away from what the balls stand on; None if it does not."""
+    def _tell_lift(self, field: Array | None, pressure: float = 0.0) -> tuple[str, str] | None:
+        """Say, as a reason and what mends it, that gravity lifts balls off what they stand on; None if it does not."""
         if field is None:
             return None
         for face in self.faces:
@@ -849,6 +850,8 @@ class Crystal:
             if way > 0.0 and (low, high) != ("clamped", "clamped"):
                 others = math.prod(one.thickness for one in self.faces if one is not face)
                 weight = float(np.sum(self.masses[self._frame[1] >= 0])) * way / (self.measure * others)
+                if pressure > weight:
+                    continue
                 unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
                 word, sign = (low, "") if low != "free" else (high, "-")
                 why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
@@ -882,7 +885,7 @@ class Crystal:
             words += f" {unit} with gravity"
         else:
             words += f" {unit}"
-        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field))
+        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field, pressure))
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
@@ -926,10 +929,10 @@ class Crystal:
             small = settle(frame, springs, push, start)
             rest = settle_exactly(frame, springs, push, small) if follows else small
             force = springs.force(rest.overlap)
-            loaded = (force != 0.0) | differ
+            stiffness = springs.stiffness(rest.overlap)
+            loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
-            stiffness = springs.stiffness(rest.overlap)
             rounded = 1e-13
             if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
                 parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))

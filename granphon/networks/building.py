@@ -111,6 +111,7 @@ class Source:
     motions: str | None = None
     prestress: bool = False
     left_out: int = 0
+    adhesive: bool = False
 
     def complete(
         self, material: Material | None, friction: bool, dimension: int | None, motions: str | None, prestress: bool | None
@@ -214,9 +215,9 @@ class Source:
         # force, normal and shear stiffness of each contact, as given, or by Hertz and Mindlin
         force, stiffness, shear = contacts.normal_force, contacts.normal_stiffness, contacts.shear_stiffness
         if force is not None:
+            odd = ~(np.isfinite(force) & ((force >= 0.0) | bool(self.adhesive)))
             contacts.refuse(
-                ~(np.isfinite(force) & (force >= 0.0)),
-                f"has the force {_first(force, ~(np.isfinite(force) & (force >= 0.0))):.6g} N",
+                odd, f"has the force {_first(force, odd):.6g} N",
                 "Forces that pull, or are not finite, are not of elastic balls", "Forces that press count as positive",
             )  # fmt: skip
         lacking = [
@@ -275,7 +276,7 @@ class Source:
             "cell": cell, "pbc": tuple(pbc.tolist()), "positions": positions, "radii": balls.radii, "masses": masses,
             "inertias": inertias, **found, "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
             "dimension": dimension, "prestress": prestress, "left_out": self.left_out, "labels": balls.labels,
-            "kinds": balls.kinds,
+            "kinds": balls.kinds, "adhesive": self.adhesive,
         }  # fmt: skip
 
 

@@ -86,7 +86,7 @@ class ContactNetwork(Result):
     labels : (n,) whole numbers that name the balls, such as those in the file from which they come; None if there are none.
     lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
         cells, ball by ball of each cell; None for a network of another kind.
-    adhesive : whether contacts may pull; tables of such a network are not read again.
+    adhesive : whether contacts may pull.
     kinds : (n,) names of the kinds of the balls, by which pictures and files tell them apart; None if they are not known.
 
     Raises

@@ -187,8 +187,9 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
             mend = f"Did you mean {meant!r}?" if meant else "Use " + ", ".join([*BALLS, *CONTACTS])
             raise InputError(message(f"{name!r} is not a column of balls or contacts", mend=mend))
     of_balls = _Columns("balls", balls, BALLS, {name: columns[name] for name in columns if name in BALLS})
-    of_contacts = _Columns("contacts", contacts, CONTACTS, {name: columns[name] for name in columns if name in CONTACTS})
     said = of_balls.remark
+    known = {**CONTACTS, "normal_force": _ACROSS} if said.get("adhesive") is True else CONTACTS  # of either sign
+    of_contacts = _Columns("contacts", contacts, known, {name: columns[name] for name in columns if name in CONTACTS})
     if said or of_balls.sealed or of_contacts.sealed:  # granphon has written one of the two, and gives both a digest
         for table in (of_balls, of_contacts):
             if table.sealed is False:
@@ -235,7 +236,7 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
     normal, across = (of_contacts.vectors(*names, wide=True) for names in (("nx", "ny", "nz"), _TANGENTIAL))
     return Source(
         found, Contacts(of_contacts.name, i, j, shift, None, normal, across, **springs), periods, periodic,
-        **{name: said[name] for name in ("dimension", "motions", "prestress", "left_out") if name in said},
+        **{name: said[name] for name in ("dimension", "motions", "prestress", "left_out", "adhesive") if name in said},
     )  # fmt: skip
 
 
@@ -256,6 +257,7 @@ def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], conta
     if fields["tangential_force"] is not None:
         of_contacts |= dict(zip(_TANGENTIAL, fields["tangential_force"].T, strict=True))
     about = {name: fields[name] for name in ("pbc", "dimension", "motions", "prestress", "left_out")}
+    about |= {"adhesive": True} if fields["adhesive"] else {}
     remark = _REMARK.removeprefix("# ") + json.dumps({"cell": fields["cell"].tolist(), **about})
     for path, table, known, comments in ((balls, of_balls, BALLS, [remark]), (contacts, of_contacts, CONTACTS, [])):
         require_path(path)

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 #: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
+#: most displacement of balls in contact against each other that a harmonic energy is asked for, in diameters
+_FAR = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
 #: rows and columns of a matrix in Voigt order
@@ -123,7 +125,8 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
 
     :func:`~granphon.atoms` attaches it to the Atoms of a network, of which it keeps the places. It serves the same balls in
     the same order; of a larger cell, ``gp.atoms(network.repeat(...))`` has its own. Raises
-    :class:`~granphon.base.errors.InputError` for other Atoms, and for the stress of balls that bodies without motion hold.
+    :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter, and for the stress of
+    balls that bodies without motion hold.
     """
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
@@ -156,6 +159,9 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
         w[:n] = gyration * (turned if turned.shape[1] == len(rotations) else turned[:, rotations])
         i, j, energy, pull, torques = table.i, table.j, 0.0, np.zeros((len(table), 3)), np.zeros_like(w)
         moved = u[j] - u[i] + table.shift @ (balls.cell - rest.cell)[:p]
+        if np.max(np.abs(moved), initial=0.0) > _FAR:
+            what = f"balls in contact have moved against each other by more than {_FAR} diameters"
+            raise InputError(message(what, "Displacements must be small", "Compare the order of the balls, and the cell"))
         for row, stiffness in _list_springs(lattice):
             head, tail = row.head[:, motions.turning], row.tail[:, motions.turning]
             along = row.head[:, motions.translating]

@@ -44,6 +44,7 @@ def test_a_chain_carries_one_force():
         gp.Crystal.on("chain", [gp.Ball(STEEL, D)]).at_pressure(12.0)).longitudinal, rtol=1e-12)  # fmt: skip
 
 
+@pytest.mark.claim("crystal-samples")
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 @pytest.mark.parametrize(
     ("lattice", "shape", "force"),
@@ -130,6 +131,7 @@ def test_balls_of_two_kinds_are_at_rest_where_all_pairs_of_spheres_push(follows)
     assert_allclose(virial / area, -300.0 * np.eye(2), rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.claim("crystal-samples")
 def test_what_samples_differ_by_goes_as_the_square_of_the_width_at_high_load():
     salt = [gp.Ball(STEEL, D), gp.Ball(GLASS, D)]
     bare = np.mean(gp.Crystal.on("NaCl", salt).at_strain(-1e-3 * np.eye(3)).normal_force)

@@ -22,6 +22,12 @@ def network_of(kind):
         names = ("steel", 'of "glass", clear', "1")
         balls = [gp.Ball(steel, 8e-3, mass=mass, name=name) for mass, name in zip((1e-3, 2e-3, 3e-3), names, strict=True)]
         return gp.Crystal.on("chain", balls).repeat((2,)).cut(0, 3, ("floor", "clamped")).at_force(1.0).network
+    if kind == "adhesive":  # rows that are pulled along
+        layer = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)], law=gp.JKR(0.05))
+        network = layer.at_stress([[0.01, 0.0], [0.0, -0.05]]).network
+        assert network.adhesive
+        assert np.min(network.normal_force) < 0.0
+        return network
     if kind == "sample":
         packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
         return replace(
@@ -35,7 +41,7 @@ def network_of(kind):
 
 
 @pytest.mark.claim("api-network-tables")
-@pytest.mark.parametrize("kind", ["packing", "sample", "wall", "kinds"])
+@pytest.mark.parametrize("kind", ["packing", "sample", "wall", "kinds", "adhesive"])
 def test_tables_are_read_as_they_were_written(kind, tmp_path):
     network = network_of(kind)
     network.write_tables(tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv")

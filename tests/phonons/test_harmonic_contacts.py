@@ -153,6 +153,11 @@ def test_whole_periods_count_nothing_and_other_balls_are_refused():
     moved.positions[0] += 2.0 * atoms.cell[0] - atoms.cell[1]
     assert moved.get_potential_energy() == pytest.approx(energy, rel=1e-9)
     assert gp.Waves(atoms).network == square().network
+    two = gp.atoms(square().network.repeat((1, 2)))
+    other = two[[2, 1, 0, 3]]  # the order of two equal balls is another
+    other.calc = two.calc
+    with pytest.raises(InputError, match=r"more than 0\.5 diameters.*order of the balls"):
+        other.get_forces()
     for wrong in (atoms.repeat((2, 1, 1)), atoms[[0]], atoms[::-1]):
         wrong.calc = atoms.calc
         with pytest.raises(InputError, match=r"not the 2 balls of the network.*gp\.atoms\(network\.repeat"):
