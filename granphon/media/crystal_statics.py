@@ -379,7 +379,7 @@ class _System:
         self.inverse: Callable[[Array], Array] | None = None
         d, n = frame.dimension, int(np.count_nonzero(self.free < frame.n_free))
         #: displacements of the whole that no wall hinders: iterations would let them grow from rounding
-        self.drifts = [slice(axis, n, d) for axis in range(d) if n == frame.n_free]
+        self.drifts = [slice(axis, n, d) for axis in range(d) if 0 < n == frame.n_free]
         self.drifts = [one for one in self.drifts if not np.any(np.abs(self.press[:, one].sum(axis=1)) > _ROUNDING)]
 
     def _stay(self, vector: Array) -> Array:

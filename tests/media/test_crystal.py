@@ -544,6 +544,13 @@ def test_the_planes_of_the_cube_have_other_indices_in_a_primitive_cell(name, edg
         assert_allclose(crystal.cut(indices, 3).measure / face, part, rtol=1e-12)
 
 
+def test_a_crystal_all_of_whose_balls_are_held_is_pressed_by_its_wall():
+    """One contact in line between two clamped layers carries the force on the wall."""
+    slab = gp.Crystal.on("square", [PLAIN]).cut(1, 2, "clamped")
+    force = slab.at_pressure(1e3).normal_force
+    assert_allclose(np.max(force), 1e3 * PLAIN.diameter, rtol=1e-12)
+
+
 def test_four_indices_of_a_hexagonal_cell():
     crystal = gp.Crystal.on("hcp", [PLAIN])
     for four, three in (((0, 0, 0, 1), (0, 0, 1)), ((1, 0, -1, 0), (1, 0, 0)), ((1, 1, -2, 2), (1, 1, 2))):
