@@ -263,7 +263,8 @@ def test_a_picture_takes_the_options_of_its_function(results):
     assert gp.plot(bands, title="steel").get_suptitle() == "steel"
     dataset, _ = results["sweep"]
     assert gp.plot(dataset, variable="bulk").axes[0].get_ylabel().startswith("Bulk")
-    with pytest.raises(InputError, match=r"bands_figure has no option colour, size\. It has dos, asymptotes, gaps, bulk, edges, title"):
+    said = r"bands_figure has no option colour, size\. It has dos, asymptotes, gaps, bulk, edges, title"
+    with pytest.raises(InputError, match=said):
         gp.plot(bands, colour="red", size=3)
 
 
