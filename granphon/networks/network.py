@@ -508,7 +508,13 @@ class ContactNetwork(Result):
         name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
         one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
         require_joined(
-            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network", mend="Give more layers"
+            one,
+            other,
+            np.concatenate([inner[:, :p], rings]),
+            size + held,
+            p,
+            "the cut network",
+            mend="Give more layers, or a cell whose sites are near each other across them",
         )
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell

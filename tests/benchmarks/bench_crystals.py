@@ -37,13 +37,20 @@ def contacts_by_hand(
     return first, second, normal, np.concatenate([-moved, turned], axis=2), np.concatenate([moved, turned], axis=2)
 
 
-def by_hand_in_space(cell: Array, sites: Array, q: Array, eta: float) -> Callable[[], list[NDArray[Any]]]:
-    """What finds all modes at once, D(q) of six motions a ball typed out: frequencies, vectors, velocities, fractions."""
+def by_hand_in_space(
+    cell: Array, sites: Array, q: Array, eta: float, masses: Array | None = None
+) -> Callable[[], list[NDArray[Any]]]:
+    """What finds all modes at once, D(q) of six motions a ball typed out: frequencies, vectors, velocities, fractions.
+
+    Units are those of one contact and one ball; ``masses`` (n,) are those of balls that differ in it.
+    """
     first, second, normal, own, other = contacts_by_hand(cell, sites, eta)
     n, c = len(sites), len(normal)
     near, far = np.zeros((3, c, n, 6)), np.zeros((3, c, n, 6))
     near[:, np.arange(c), first] = own
     far[:, np.arange(c), second] = other
+    if masses is not None:
+        near, far = (side / np.sqrt(masses)[:, None] for side in (near, far))
     near, far, ahead = near.reshape(3 * c, -1), far.reshape(3 * c, -1), np.tile(normal, (3, 1))
 
     def solve() -> list[NDArray[Any]]:
@@ -174,4 +181,58 @@ def densities(repeats: int) -> list[Row]:
     ]
 
 
-PARTS: dict[str, Part] = {"space": space}
+# -- balls of several kinds, and networks -------------------------------------------------------------------------------
+
+
+def kinds(repeats: int) -> list[Row]:
+    """Bands of NaCl against D(q) typed out, of a network against its lattice, and of a packing against the dense matrix."""
+    import granphon as gp
+    from granphon.waves.operator import WaveOperator
+
+    steel, glass = gp.Material(193e9, 0.30, 8000.0), gp.Material(70e9, 0.22, 2500.0)
+    state = gp.Crystal.on("NaCl", [gp.Ball(steel, 8e-3), gp.Ball(glass, 8e-3)]).at_pressure(1e5)
+    network = state.network
+    lattice = gp.ContactLattice.from_network(network)
+    fractions = np.array(SPACE["fcc"][1], float)
+    step = np.linspace(0.0, 1.0, POINTS)[:, None]
+    q = lattice.wavevectors(np.concatenate([a + (b - a) * step for a, b in pairwise(fractions)]))
+    along = np.repeat(np.diff(lattice.wavevectors(fractions), axis=0), POINTS, axis=0)
+    d, eta = 8e-3, float(network.shear_stiffness[0] / network.normal_stiffness[0])
+    masses = network.masses / network.scales.mass * network.scales.stiffness / network.normal_stiffness[0]
+    scale = d / network.scales.length
+    typed = by_hand_in_space(network.cell / d, network.positions / d, scale * q, eta, masses)
+    modes, values = lattice.modes(q, along), typed()[0]
+    assert np.max(np.abs(modes.frequencies - values)) < 1e-6 * np.max(values), "the others disagree on NaCl"
+    balls = gp.AveragedLattice(gp.Packing(steel, d, lattice="hcp")).at_force(18.446)
+    of_lattice, of_network = gp.Phonons(balls), gp.Phonons(balls.network)
+    fractions_of_hcp = np.array(SPACE["hcp"][1], float)
+
+    def bands_of(phonons: Any) -> Callable[[], Any]:
+        return lambda: phonons.bands([fractions_of_hcp], npoints=POINTS).frequencies
+
+    both = [bands_of(one)() for one in (of_lattice, of_network)]
+    assert np.max(np.abs(both[0] - both[1])) < 1e-6 * np.max(both[0]), "a network disagrees with its lattice"
+    packing = gp.DirectSimulation(gp.Packing(steel, d, spread=gp.Uniform(2e-6)), (6, 6), 0).at_force(20.0).sample.network
+    of_packing, dense = gp.Phonons(packing), WaveOperator(packing).matrix.toarray()
+    points = np.linspace(0.0, 0.5, 21)[:, None] * np.array([1.0, 0.5])
+    squares = np.linalg.eigvalsh(dense)
+    least = of_packing.frequencies(points[:1])[0] ** 2 * (2.0 * np.pi) ** 2
+    assert np.max(np.abs(least - squares)) < 1e-9 * squares[-1], "a packing disagrees with its matrix"
+    seconds = alternate(
+        repeats, granphon=lambda: lattice.modes(q, along), numpy=typed, lattice=bands_of(of_lattice),
+        network=bands_of(of_network), packing=lambda: of_packing.frequencies(points),
+        dense=lambda: [np.linalg.eigvalsh(dense + 0j) for _ in points],
+    )  # fmt: skip
+    what = f"NaCl of two kinds (12 branches) along {SPACE['fcc'][0]}, {len(q)} q points, velocities and polarisation"
+    hcp, n = (
+        f"a network of hcp along {SPACE['hcp'][0]}",
+        f"a packing of 36 balls ({len(dense)} branches) at {len(points)} q points",
+    )
+    return [
+        over(f"modes of {what}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 3.0),
+        over(f"`Phonons.bands` of {hcp}: over its lattice", seconds, "network", "lattice", 1.5),
+        over(f"frequencies of {n}: over numpy's eigenvalues of matrices that are there", seconds, "packing", "dense", 8.0),
+    ]
+
+
+PARTS: dict[str, Part] = {"space": space, "kinds": kinds}
