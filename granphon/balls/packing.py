@@ -227,6 +227,8 @@ def given_packing(packing: Any) -> Packing:
         pressed = hasattr(packing, "at_force")  # a crystal, or a medium
         why = "Averages over diameters are those of Hertz's law and of one kind of ball" if pressed else ""
         mend = "Give a granphon.Packing" + (", or press this itself: .at_force(...)" if pressed else "")
+        if hasattr(packing, "deviations") and hasattr(packing, "sample"):  # of a crystal
+            mend += "; balls that differ are drawn by crystal.sample(shape, seed)"
         raise InputError(message(f"packing is {packing!r}", why, mend))
     return packing
 

@@ -931,6 +931,9 @@ class Crystal:
             force = springs.force(rest.overlap)
             stiffness = springs.stiffness(rest.overlap)
             loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
+            if not np.any(loaded):
+                what = f"all contacts are open under {words} {pressure:.6g}"
+                raise InputError(message(what, "Those that adhere have come apart", f"Give a larger {kind}"))
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
             rounded = 1e-13

@@ -201,6 +201,7 @@ def cluster():
         (lambda: square(WIDTH).at_force(1.0), "none are drawn"),
         (lambda: gp.Crystal.on("fcc", [gp.Ball(STEEL, D)]).sample((2, 2, 2)), "no ball of crystal 'fcc' has a spread"),
         (lambda: square(WIDTH).sample((2,)), "shape"),
+        (lambda: gp.DirectSimulation(square(WIDTH), (4, 4)), r"drawn by crystal\.sample\(shape, seed\)"),
         (lambda: square(WIDTH).sample((2, 2), -1), "seed"),
         (lambda: cluster().sample((2,)), "has no period"),
         (lambda: square(WIDTH).sample((2, 2), diameters=np.full((2, 2, 2), D)), "and no shape"),
