@@ -69,13 +69,16 @@ class Arrangement:
     Attributes
     ----------
     kinds : the name of each kind, and its :class:`~granphon.Ball`.
-    lattice : name of the lattice, or the :class:`~granphon.Lattice`, on whose sites the kinds of ``order`` follow each other
-        by name; None where ``cell`` and ``sites`` are given.
+    lattice : name of the lattice, or the :class:`~granphon.Lattice`; None where ``cell`` and ``sites`` are given.
+    order : names of the kinds that follow each other on the sites of the lattice; empty for all of them.
     cell, sites : vectors along which the crystal repeats, m; the place of each ball, m, with the name of its kind.
-    repeat : numbers of cells of the supercell; then ``cut`` : axis, number of layers and edges of each cut, in turn;
-        ``replace`` : number of a ball of what was cut, and the kind that takes its place; ``remove`` : numbers of balls.
+    repeat : numbers of cells of the supercell along each period.
+    cut : axis, number of layers, and (lower, upper) edge of each cut of that supercell, in turn.
+    replace : numbers of balls of what was cut, each with the name of the kind that takes its place.
+    remove : numbers of balls that are taken out then.
     law : the contact law, or the items of a mapping of pairs of kinds to laws.
-    friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`.
+    friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`; torsion and bending are pure numbers.
+    seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample, :meth:`Crystal.sample`.
     given : the crystal itself, if it was not made of the others.
 
     Raises
@@ -97,6 +100,7 @@ class Arrangement:
     motions: str | None = None
     torsion: float | str = 0.0
     bending: float = 0.0
+    seed: int = 0
     given: InitVar[Crystal | None] = None
 
     @classmethod
@@ -139,6 +143,11 @@ class Arrangement:
             found = Crystal([find(name) for _, name in self.sites], self.cell, places, name="crystal", **options)
         else:
             found = Crystal.on(self.lattice, [find(name) for name in self.order or tuple(balls)], **options)
+        if any(ball.spread for ball in found.kinds):
+            if self.cut or self.replace or self.remove:
+                what = "a crystal is cut or has defects, and a kind of its balls has a spread"
+                raise InputError(message(what, "Layers would repeat one sample", "Leave one of them out, or use gp.Crystal"))
+            return found.sample(self.repeat or None, self.seed)
         if self.repeat:
             found = found.repeat(self.repeat)
         for axis, layers, edges in self.cut:
@@ -195,7 +204,7 @@ class Arrangement:
         return [*rows, ("crystal", crystal.name, ""), ("balls of the cell", balls, ""), ("friction", self.friction, "")]
 
     def change(self, values: Mapping[str, Any]) -> Arrangement:
-        """Return the arrangement with other values of parameters of kinds, {"A.diameter": 8e-3}.
+        """Return the arrangement with other ``values`` of parameters of kinds, in SI units: {"A.diameter": 8e-3}, m.
 
         A mass that was given stays if the material or the diameter changes. The diameter of a kind changes the distances of
         balls, so that they must lie on a lattice.

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import given_packing
+from granphon.balls.packing import Packing, given_packing
 from granphon.balls.parameters import Axis, find_double
 from granphon.base.errors import (
     ConvergenceError,
@@ -33,7 +33,7 @@ from granphon.base.errors import (
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
-from granphon.media.arrangement import Arrangement, Balls, CrystalMedium
+from granphon.media.arrangement import Arrangement, CrystalMedium
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
@@ -59,7 +59,7 @@ Array = NDArray[Any]
 
 
 def sweep(
-    packing: Balls | Crystal,
+    packing: Packing | Arrangement | Crystal,
     *,
     force: ArrayLike | None = None,
     pressure: ArrayLike | None = None,

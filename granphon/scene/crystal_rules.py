@@ -52,7 +52,10 @@ def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
     if not isinstance(value, dict) or not value:
         raise Refused(show(value), "a block of kinds of balls by name, each with its material and diameter")
     material = partial(block, rules={name: PARTS[name].rule(at) for name in _MATERIAL}, needed=_MATERIAL[:3])
-    rules: dict[str, Rule] = {"material": material, "diameter": LENGTH.read, "mass": MASS.read, "inertia": INERTIA.read}
+    rules: dict[str, Rule] = {
+        "material": material, "diameter": LENGTH.read, "mass": MASS.read, "inertia": INERTIA.read,
+        "spread": PARTS["spread"].rule(at),
+    }  # fmt: skip
     out = []
     for name, given in value.items():
         kind = label(name)
@@ -71,7 +74,7 @@ def _write_balls(kinds: Any, at: Context) -> dict[str, Any]:
         out[name] = {
             "material": material, "diameter": LENGTH.write(ball.diameter), "mass": MASS.write(ball.mass),
             "inertia": INERTIA.write(ball.inertia),
-        }  # fmt: skip
+        } | ({"spread": PARTS["spread"].write(ball.spread, at)} if ball.spread else {})  # fmt: skip
     return out
 
 
@@ -200,6 +203,7 @@ REPEAT = Kind.plain(lambda value: _read_counts(value, "numbers of cells", 1_000_
 CUT = Kind.plain(_read_cuts, _write_cuts)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(lambda value: _read_counts(value, "numbers of balls", 10_000_000, 0), lambda one: list(one) or None)
+SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
 MOTIONS = Kind.plain(_read_motions)
 

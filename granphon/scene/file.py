@@ -126,6 +126,7 @@ FIELDS: tuple[Field, ...] = (
             ("cut", "cut", crystals.CUT, "block `axis`, `layers`, `edges` of a strip, slab or column, or a list", "none"),
             ("replace", "replace", crystals.REPLACE, "numbers of balls, and the kinds that take their places", "none"),
             ("remove", "remove", crystals.REMOVE, "numbers of balls that are taken out", "none"),
+            ("seed", "seed", crystals.SEED, "of the diameters, where kinds have a spread: `repeat` is then a sample", "`0`"),
             ("law", "law", crystals.LAW, "the law of contacts, or a block of pairs of kinds with a law for each", "`hertz`"),
             ("friction", "friction", PARTS["friction"], "whether contacts resist shear", ""),
             ("motions", "motions", crystals.MOTIONS, "how each ball moves, see [lattices](#lattices)", "as in `packing`"),

@@ -27,7 +27,7 @@ from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
-from granphon.media.arrangement import Arrangement, Balls
+from granphon.media.arrangement import Arrangement
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, no_simulation
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
@@ -139,7 +139,7 @@ class Plan:
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
 
-    packing: Balls
+    packing: Packing | Arrangement
     load: Load
     _: KW_ONLY
     media: tuple[MediumChoice, ...] = ()

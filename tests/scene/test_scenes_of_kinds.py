@@ -145,6 +145,26 @@ load: {force: 5 N}
     assert gp.Scene.from_text(scene.to_yaml()) == replace(scene, source=None)
 
 
+def test_a_kind_may_have_a_spread_of_diameters(tmp_path):
+    text = (
+        BALLS.replace("28.84 g}", "28.84 g, spread: {uniform: 1 um}}")
+        + """
+crystal: {lattice: triangular, kinds: [S], repeat: 6 6, seed: 3}
+load: {pressure: 20 kN/m}
+"""
+    )
+    scene = gp.Scene.from_text(text)
+    ball = replace(balls()[1], spread=gp.Uniform(1e-6))
+    right = gp.Crystal.on("triangular", [ball]).sample((6, 6), 3).at_pressure(2e4)
+    assert scene.state().source.normal_force == pytest.approx(right.normal_force, rel=1e-13)
+    assert np.ptp(right.normal_force) > 0.0
+    assert gp.Scene.from_text(scene.to_yaml()) == replace(scene, source=None)
+    found = scene.run(tmp_path / "out").summary()
+    assert np.array(found["tensor"]) == pytest.approx(gp.moduli(right).tensor, rel=1e-12)
+    with pytest.raises(SceneError, match="repeat one sample"):
+        gp.Scene.from_text(text.replace("seed: 3", "remove: [3]"))
+
+
 def test_pages_and_modes_of_a_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.yaml").write_text(CHAIN, encoding="utf-8")
