@@ -16,7 +16,7 @@ from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say
 from granphon.cli.wording import describe_cost, describe_result, describe_scene
 
 #: the scenes that ``init`` writes; the first is the default
-PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp")
+PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp", "diatomic")
 #: estimated time of a run, s, above which its cost is printed before it starts
 _LONG = 10.0
 #: groups of the options of ``run`` in its help

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from granphon.tradeoffs.measure import TradeOff
 
 
+#: gaps that are told, the widest
+_MOST_GAPS = 3
+
+
 def write_range(value: Any, unit: str) -> str:
     """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
     values = _flatten(value)
@@ -74,7 +78,7 @@ def _describe_packing(scene: Scene, loads: str) -> list[tuple[str, str]]:
 def _describe_crystal(scene: Scene, loads: str) -> list[tuple[str, str]]:
     balls = cast("Arrangement", scene.packing)
     rows, crystal = list[tuple[str, str]](), balls.crystal
-    for name, ball in balls.kinds:
+    for name, ball in ((name, ball) for name, ball in balls.kinds if name in crystal.names):
         size = f"{write_quantity(ball.diameter, 'm')}, {write_quantity(1e3 * ball.mass, 'g')}"
         rows.append((f"ball {name}", f"{size}; {_describe_material(ball.material)}"))
     counts = ", ".join(f"{int((crystal.kind == number).sum())} {name}" for number, name in enumerate(crystal.names))
@@ -165,6 +169,11 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
                 several = f"{said} +/- {write_range(errors, one.unit)}"
                 said = write_uncertain(values[0], errors[0], one.unit) if len(values) == 1 else several
             rows.append((one.label.lower(), said + (along if one.unit == "m/s" else "")))
+    if (gaps := numbers.get("gaps")) is not None:
+        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:_MOST_GAPS]
+        told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
+        more = f", and {len(gaps) - len(widest)} narrower ones" if len(gaps) > len(widest) else ""
+        rows.append(("gaps" if len(gaps) > 1 else "gap", told + more))
     return rows
 
 

@@ -304,7 +304,9 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     base = {} if packing is None else list_facts(packing)
     told = json.loads(dataset.attrs.get("packing", "{}"))
     if told.get("class") == Arrangement.__name__:
-        base["lattice"] = f"{told['lattice'] or 'crystal'} of {', '.join(name for name, _ in told['kinds'])}"
+        base["lattice"] = (
+            f"{told['lattice'] or 'crystal'} of {' '.join(told['order'] or [name for name, _ in told['kinds']])}"
+        )
     found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
     if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"

@@ -62,8 +62,11 @@ def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
         if "." in kind or " " in kind or kind == "floor":
             raise Refused(show(name), "a name without a point or a space, and not 'floor'", path=(name,))
         found = read_inside(name, partial(block, rules=rules, needed=("material", "diameter")), given)
-        with refusing(given["diameter"], "a ball that double precision can hold", name, "diameter"):
+        try:
             out.append((kind, Ball(Material(**found.pop("material")), **found)))
+        except InputError as error:
+            key = next((key for key in ("mass", "inertia") if key in given and str(error).startswith(key)), "diameter")
+            raise Refused(show(given[key]), "a ball that double precision can hold", str(error), (name, key)) from None
     return tuple(out)
 
 

@@ -310,11 +310,17 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     try:
         arrangement = Arrangement(own["balls"], **{places.get(name, name): value for name, value in given.items()})
     except GranphonError as error:
-        raise document.error(("crystal",), str(error)) from None
+        # the first step without which the crystal can be made
+        steps, made = ("repeat", "cut", "replace", "remove"), {places.get(key, key): value for key, value in given.items()}
+        place: tuple[str, ...] = ("crystal",)
+        for number, step in enumerate(steps):
+            with suppress(GranphonError):
+                Arrangement(own["balls"], **{key: value for key, value in made.items() if key not in steps[number:]})
+                place = ("crystal", step)
+        raise document.error(place, str(error)) from None
     at = Context(arrangement.structure, kinds=tuple(dict(arrangement.kinds)), folder=folder)
-    rest = {
-        name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2])
-    }
+    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], *_WAVES)  # waves through simulated arrays are those of packings
+    rest = {name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in unused}
     others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(others, rest, ("load",)) | {"packing": finite | {"arrangement": arrangement}}
 

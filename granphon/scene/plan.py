@@ -387,6 +387,9 @@ class Plan:
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
+            if isinstance(packing, Arrangement) and "velocities" in self.observe and medium.is_quick:
+                with self.origin.at("crystal", before=case.where and f"{case.where}: "):
+                    one.state.reference_lattice.require_rigid()
             left = one.require_start(left)
         self.require_waves(QUICK_BALLS)
 
@@ -571,8 +574,11 @@ class Plan:
                 allowed = "velocities and bands of balls of several kinds, of one state also gaps and dos"
                 raise Refused(repr(wrong[0]), allowed, "Its waves in time are those of gp.Waves(state).", ("observe",))
             if self.packing.crystal.is_held and "velocities" in self.observe:
-                mend = "Long waves move all balls together, which a floor or clamp holds."
+                mend = "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."
                 raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
+            for name in dict(self.parameters):
+                if (kind := name.rpartition(".")[0]) not in self.packing.crystal.names:
+                    raise Refused(f"the kind {kind!r}, which has no ball", "kinds of the crystal", path=("sweep", name))
         if "gaps" in self.observe and not self.is_single:
             raise Refused("'gaps' of several states", "gaps of one state", "Observe bands.", ("observe",))
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
