@@ -247,6 +247,8 @@ class Compatibility:
         basis = np.eye(self.n_balls)
         basis[:, 0] = weights
         frame, _ = np.linalg.qr(basis)
+        # each column is normal to the balls before its own, the first apart; rounding would couple it to their contacts
+        frame[1:, 1:] = np.tril(frame[1:, 1:])
         return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:

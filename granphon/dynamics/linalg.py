@@ -25,8 +25,6 @@ _NO_COLUMN = 1e-100
 _BELOW_ZERO = 16.0 * _EPSILON
 #: singular value, over the largest, of rows and columns of comparable length, below which they are dependent
 _DEPENDENT = 1e-9
-#: length of a column, over the longest, up to which it is rounding
-_DUST = 1e-14
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
 _FEW_COLUMNS = 3
 #: number of columns above which singular values alone are found from A^H A, which takes a quarter of the time or less
@@ -309,7 +307,7 @@ def find_rank(rows: NDArray[Any]) -> int:
     """Find the rank of rows (m, n), each column and then each row scaled to length one."""
     for axis in (0, 1):
         length = np.linalg.norm(rows, axis=axis, keepdims=True)
-        rows = rows / np.where(length > _DUST * np.max(length, initial=0.0), length, 1.0)
+        rows = rows / np.where(length > 0.0, length, 1.0)
     if rows.shape[1] > MANY_COLUMNS and well_conditioned_values((rows.conj().T @ rows)[None])[1][0]:
         return int(rows.shape[1])
     values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
@@ -323,8 +321,7 @@ def find_dependent(
 
     Rows and columns are first divided by the lengths given, so that small ones count as much as others.
     """
-    # a column that is nothing but rounding is one of zeros
-    lengths = np.where(column_lengths > _DUST * np.max(column_lengths, initial=0.0), column_lengths, 1.0)
+    lengths = np.where(column_lengths > 0.0, column_lengths, 1.0)
     scaled = rows / np.where(row_lengths > 0.0, row_lengths, 1.0)[:, None] / lengths
     _, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
     count = int(np.count_nonzero(values <= _DEPENDENT * max(values[0], 1.0)))
