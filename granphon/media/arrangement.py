@@ -231,7 +231,7 @@ Balls = Packing | Arrangement
 
 
 class LoadedCrystal(NetworkStates):
-    """States of a crystal as sweeps and scenes have them: with means over the contacts that carry load."""
+    """States of a crystal as sweeps and scenes have them: with means over the contacts that carry load, of a sample all."""
 
     medium, regime, n_samples, finite_overlap = "crystal", None, 0, False
     chosen_automatically, mean_errors = False, dict[str, Any]()
@@ -257,7 +257,8 @@ class LoadedCrystal(NetworkStates):
         return self.source.valid
 
     def _average(self, name: str) -> Any:
-        live = self.source.normal_stiffness > 0.0
+        # of a sample, whose contacts open one by one, all contacts count, as in Crystal.at_force
+        live = (self.source.normal_stiffness > 0.0) | bool(np.any(self.source.crystal.deviations))
         return np.mean(getattr(self.source, name), axis=-1, where=live)[()]
 
     @property

@@ -169,6 +169,10 @@ load: {pressure: 20 kN/m}
     assert np.ptp(right.normal_force) > 0.0
     assert gp.Scene.from_text(scene.to_yaml()) == replace(scene, source=None)
     found = scene.run(tmp_path / "out").summary()
+    assert found["force"] == pytest.approx(np.mean(right.normal_force), rel=1e-12)
+    weak = gp.Scene.from_text(text.replace("pressure: 20 kN/m", "force: 2 N"))
+    assert weak.state().contact_fraction < 1.0
+    assert weak.state().force == pytest.approx(2.0, rel=1e-9)
     assert np.array(found["tensor"]) == pytest.approx(gp.moduli(right).tensor, rel=1e-12)
     with pytest.raises(SceneError, match="repeat one sample"):
         gp.Scene.from_text(text.replace("seed: 3", "remove: [3]"))
