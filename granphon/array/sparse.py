@@ -34,6 +34,8 @@ _HOLDING_STIFFNESS = 1e-12
 _REFINEMENTS = 3
 #: largest number of trials for the length of a step
 _SLOPES = 30
+#: force left on a ball, over the mean, below which the stiffness that holds it is not lowered any more
+_LEAST_ADDED = 1e-7
 
 
 class SparseArray:
@@ -104,7 +106,8 @@ class SparseArray:
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
             stiffness = hertz.stiffness_of(root)
-            stiffness += ADDED_STIFFNESS * min(1.0, left) * np.mean(stiffness)
+            # held by hardly anything, loose balls that all but touch others would move far under what rounding leaves on them
+            stiffness += ADDED_STIFFNESS * min(1.0, max(left, _LEAST_ADDED)) * np.mean(stiffness)
             _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
