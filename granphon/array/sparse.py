@@ -106,7 +106,7 @@ class SparseArray:
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
             stiffness = hertz.stiffness_of(root)
-            # held by hardly anything, loose balls that all but touch others would move far under what rounding leaves on them
+            # held by hardly anything, loose balls that all but touch others would move far under what rounding leaves
             stiffness += ADDED_STIFFNESS * min(1.0, max(left, _LEAST_ADDED)) * np.mean(stiffness)
             _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
