@@ -607,7 +607,7 @@ def test_init_does_not_overwrite(work, capsys):
     capsys.readouterr()
     assert main(["init", "other.yaml", "--preset", "hidrogel"]) == 2
     assert (
-        "allowed: steel_hexagon, steel_spread, glass, hydrogel, chain, membrane, fcc, hcp. Did you mean 'hydrogel'"
+        "allowed: steel_hexagon, steel_spread, glass, hydrogel, chain, membrane, fcc, hcp, diatomic. Did you mean 'hydrogel'"
         in one_error(capsys)
     )
     assert tree(work) == {"scene.yaml"}
