@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import Hertz
-from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
@@ -43,7 +42,7 @@ class CrystalCell(Lattice):
 
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
-        """Return the cell of a crystal."""
+        """Return the cell of a crystal, whose contacts are in m."""
         p, places = crystal.periods, crystal.positions.copy()
         places[:, :p] = places[:, :p] @ np.linalg.inv(crystal.cell[:, :p])
         places[:, p:] /= diameter
@@ -55,11 +54,6 @@ class CrystalCell(Lattice):
     def pressed_axes(self) -> int:
         """Number of axes along which a pressure acts: the periods, and those across which the crystal was cut."""
         return int(self.__dict__["_pressed"])
-
-    @cached_property
-    def contacts(self) -> ContactTable:
-        """The contacts of the crystal, in m."""
-        raise NotImplementedError  # of() has set them
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, req
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.layers import Layers, find_faces, read_edges
+from granphon.balls.material import ONSET_OF_YIELD
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.errors import InputError, brief, message
@@ -56,8 +57,6 @@ _MEAN, _MEANS = 4e-15, 60
 _SAMPLED = 1e-11
 #: difference of the exponents of contacts that is put down to rounding
 _SAME_EXPONENT = 1e-9
-#: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest, 2/3 of which is the mean
-_YIELD = 1.07
 
 
 class _Faces(NamedTuple):
@@ -1178,7 +1177,7 @@ class CrystalState:
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             part = np.max(mean / weak, axis=-1)
             said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
-            out.append(("yield", np.asarray(part), _YIELD, False, f"{said}: it yields from {_YIELD} on"))
+            out.append(("yield", np.asarray(part), ONSET_OF_YIELD, False, f"{said}: it yields from {ONSET_OF_YIELD} on"))
         return out
 
     @property

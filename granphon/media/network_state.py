@@ -131,8 +131,9 @@ class NetworkStates(State):
         return as_state(self.source[index])
 
     def contact_lattice(self) -> ContactLattice:
-        """Raise :class:`~granphon.base.errors.InputError`: each load has a lattice of its own."""
-        return NetworkState(given_network(self.source)).contact_lattice()
+        """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
+        given_network(self.source)
+        return self.reference_lattice
 
     @property
     def reference_lattice(self) -> ContactLattice:

@@ -13,6 +13,7 @@ import numpy as np
 from granphon.balls.ball import BALL_LIMITS, WRONG_UNIT
 from granphon.balls.hertz import MOST_CONTACT_RADIUS, contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
+from granphon.balls.material import ONSET_OF_YIELD
 from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
 from granphon.base.scales import prefixed
@@ -72,7 +73,7 @@ _LIMITS = {
         "beyond its table the law goes on as a power",
     ),
     "yield": (
-        1.07, "mean contact pressure over yield strength",
+        ONSET_OF_YIELD, "mean contact pressure over yield strength",
         "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
         "beyond it the contact begins to flow plastically",
     ),

@@ -168,9 +168,9 @@ def sweep(
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     # all lattices of a sweep have the same number of periods
     lattice = find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
-    if isinstance(packing, Arrangement) and media not in (CrystalMedium.name, [CrystalMedium.name], (CrystalMedium.name,)):
-        raise InputError(message(f"media is {media!r}", "Balls of several kinds have no other medium", "Leave it out"))
     choices = [MediumChoice.parse(one, lattice) for one in (media if isinstance(media, list | tuple) else [media])]
+    if isinstance(packing, Arrangement) and any(one.name != CrystalMedium.name for one in choices):
+        raise InputError(message(f"media is {media!r}", "Balls of several kinds have no other medium", "Leave it out"))
     if not choices:
         raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
     if twice := [choice.label for choice in choices if choices.count(choice) > 1]:

@@ -306,12 +306,14 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
         raise Refused(found, "a lattice, or cell and sites", path=("crystal",))
     if "kinds" in given and "lattice" not in given:
         raise Refused("kinds with cell and sites", "kinds with a lattice", "Each site has its kind.", ("crystal", "kinds"))
-    places = {"kinds": "order"}
+    # as the table has it, the kinds in turn are the attribute "order"
+    places = {key: field.place.rpartition(".")[2] for key, field in _BLOCKS["crystal"].items()}
+    made = {places[key]: value for key, value in given.items()}
     try:
-        arrangement = Arrangement(own["balls"], **{places.get(name, name): value for name, value in given.items()})
+        arrangement = Arrangement(own["balls"], **made)
     except GranphonError as error:
         # the first step without which the crystal can be made
-        steps, made = ("repeat", "cut", "replace", "remove"), {places.get(key, key): value for key, value in given.items()}
+        steps = ("repeat", "cut", "replace", "remove")
         place: tuple[str, ...] = ("crystal",)
         for number, step in enumerate(steps):
             with suppress(GranphonError):

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
@@ -289,9 +289,10 @@ def scenes(draw: st.DrawFn) -> gp.Scene:
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(scenes())
 def test_a_written_scene_is_the_same_to_the_last_bit(scene):
+    refused = None
     try:
         again = gp.Scene.from_text(scene.to_yaml())
     except GranphonError as error:  # a load that the balls cannot carry
-        again, told = scene, str(error)
-        assume("carry" in told or "beyond" in told)
+        again, refused = scene, str(error)
     assert again == scene
+    assert refused is None or "carry" in refused or "beyond" in refused
