@@ -120,7 +120,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
     the deformation of the cell, plus k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2 of each contact, less f t^2/2r
     with prestress (t is the displacement across the contact, r the distance of the centres). Forces and torques are zero at
     rest, and their slopes are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither open nor stiffen, so that
-    displacements must be small against the overlap; for larger ones there are :class:`~granphon.NonlinearWaves`. Stress is
+    displacements must be small against the overlap. Stress is
     as for :class:`HertzMindlin`. Rotations about the axes of the motions count, from the array ``rotations``.
 
     :func:`~granphon.atoms` attaches it to the Atoms of a network, of which it keeps the places. It serves the same balls in
