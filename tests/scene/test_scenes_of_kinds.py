@@ -228,7 +228,7 @@ MISTAKES = {
     ),
     "a spectrum": (f"{_ON_CHAIN}load: {{force: 1 N}}\nspectrum: {{points: 3}}", "spectrum", "unknown key"),
     "a kind without a ball": (
-        "crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g, 2 g]}", "sweep.S.mass", "unknown key",
+        "crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g]}", "sweep.S.mass", "unknown key",
     ),
 }  # fmt: skip
 
