@@ -14,7 +14,6 @@ from granphon.base.text import read_bytes, read_yaml
 from granphon.scene.run import (
     SAMPLE_WAVES,
     SWEEP_FIGURES,
-    draw_sample_waves,
     draw_spectra,
     draw_sweep,
     read_summary,
@@ -93,9 +92,10 @@ def redraw(
 
     def draw() -> Any:
         if wave is not None:
+            from granphon.figures.plot import plot
             from granphon.runs.wave_records import read_waves
 
-            return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
+            return plot(read_waves(source / f"{wave}.json"))
         if fitted and not swept:
             from granphon.figures.fits import fit_figure
             from granphon.fits.fit import WidthFit
