@@ -39,7 +39,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Tally
 from granphon.observables.velocities import warn_of_free_branches
-from granphon.runs.samples import RecordedState, SampleRecord, keep_balls, restore_sample
+from granphon.runs.samples import SampleRecord, keep_balls, restore_sample
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import WaveSettings
@@ -313,7 +313,7 @@ class MediumTask:
         size, places, own = self.load.size, find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
+        out = self.observe(Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction))
         if self.asked.waves is not None:
             out = _add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
