@@ -387,7 +387,7 @@ class Compatibility:
 
     @cached_property
     def _wave_frame(self) -> NDArray[Any]:
-        """(n, n) unitary frame of vibrations: :attr:`_frame`, or where balls are images of others, one of even and odd motions.
+        """(n, n) unitary frame of vibrations: :attr:`_frame`, or where balls are images of others, even and odd motions.
 
         The first column is the motion of the centre of mass in both. Odd ones are multiplied by i, so that rows of a contact
         and of its image are complex conjugates.
