@@ -294,9 +294,7 @@ def edges(repeats: int) -> list[Row]:
         over(
             "slab of fcc, 100 layers: its frequencies over eigenvalues of D(q) that is there", times, "slab", "values", 3.0
         ),
-        over(
-            "slab of fcc, 100 layers: modes and velocities over eigenvectors of D(q)", times, "modes", "vectors", 4.0
-        ),
+        over("slab of fcc, 100 layers: modes and velocities over eigenvectors of D(q)", times, "modes", "vectors", 4.0),
     ]
 
 
