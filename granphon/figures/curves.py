@@ -24,7 +24,6 @@ from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.figures.style import COLOURS
 from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
-from granphon.media.arrangement import Arrangement
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import axis_label
@@ -250,7 +249,7 @@ def list_parameters(dataset: Dataset) -> list[str]:
 def read_packing(dataset: Dataset) -> Packing | None:
     """Return the packing whose parameters a sweep varies; None if the data set does not tell it, as of a crystal."""
     told = json.loads(dataset.attrs.get("packing", "null"))
-    if told is None or told.get("class") == Arrangement.__name__:
+    if told is None or "kinds" in told:
         return None
     found: Packing = restore(told, Packing, "the packing of the sweep")
     return found
@@ -289,7 +288,7 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     finite = list_finite_overlap(dataset)
     base = {} if packing is None else list_facts(packing)
     told = json.loads(dataset.attrs.get("packing", "{}"))
-    if told.get("class") == Arrangement.__name__:
+    if "kinds" in told:
         base["lattice"] = (
             f"{told['lattice'] or 'crystal'} of {' '.join(told['order'] or [name for name, _ in told['kinds']])}"
         )

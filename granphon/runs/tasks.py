@@ -39,7 +39,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Check
 from granphon.observables.velocities import warn_of_free_branches
-from granphon.runs.samples import RecordedState, SampleRecord, keep_balls, restore_sample
+from granphon.runs.samples import SampleRecord, keep_balls, restore_sample
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import WaveSettings
@@ -146,9 +146,8 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
     These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the parameters that are swept.
     """
     wanted = list(names)
-    if without := [one for one in media if wanted and not one.simulates]:
-        what = f"{wanted[0]} is asked for, and the medium {without[0].label!r} has no balls that it runs through"
-        raise InputError(message(what, mend="Take medium: simulation"))
+    for one in media if wanted else ():
+        one.require_arrays(wanted[0])
     if "spectrum" not in wanted:
         return
     if changing := [name for name in swept if name in ("lattice", "motions")]:
@@ -314,7 +313,7 @@ class MediumTask:
         size, places, own = self.load.size, find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
+        out = self.observe(Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction))
         if self.asked.waves is not None:
             out = _add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
