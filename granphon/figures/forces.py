@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES, add_title
+from granphon.figures.scales import FORCES, add_title, name_axis, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, LineCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -21,18 +19,16 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
 from granphon.base.errors import InputError, brief, message
+from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
 from granphon.figures.style import (
     BLUE,
-    COLUMN_WIDTH,
-    DPI,
     GUIDE,
     PAGE_WIDTH,
     STYLE,
     VERMILION,
     colour_kinds,
-    readable_unit,
 )  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -114,12 +110,10 @@ def plot_forces(
         show = "window" if window is not None else "all" if small else "density"
     edges = layer.edges if show != "window" else _choose_window(layer, window)
     if ax is None:
-        with matplotlib.rc_context(STYLE):
-            height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
-            height += _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))
-            figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
-            return plot_forces(sample, figure.subplots(), show=show, window=window)
-    figure = ax.get_figure()
+        height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
+        with styled_figure(height + _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))) as new:
+            return plot_forces(sample, new.subplots(), show=show, window=window)
+    figure: Any = ax.get_figure()
     drawn: LineCollection | QuadMesh
     left, bottom, right, top = edges
     means = ""
@@ -133,9 +127,9 @@ def plot_forces(
         with np.errstate(invalid="ignore"):  # nan where no ball is
             density = total / count
         drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-        size, name = (1.0, "$d$") if network is None else readable_unit(float(np.max(layer.size)), "m")
+        size, name = (1.0, "$d$") if network is None else prefixed(float(np.max(layer.size)), "m")
         sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in grid})
-        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name}"
+        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name.replace('u', 'µ')}"
     else:
         drawn = _draw_chains(layer, ax, edges)
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -146,7 +140,7 @@ def plot_forces(
         ax.set(xlabel=layer.axes[0], ylabel=layer.axes[1])
     else:
         for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
-            _name_unit(axis, name, float(np.max(layer.size)), "m")
+            name_axis(axis, float(np.max(layer.size)), name, "m", short=True)
     if top - bottom < 2.0 * layer.diameter:
         ax.set_yticks([0.0])
     if drawn.get_array() is not None:
@@ -154,17 +148,8 @@ def plot_forces(
         if network is None:
             bar.set_xlabel(f"Contact force over its mean{means}")
         else:
-            _name_unit(bar.xaxis, "Contact force", bar.get_xlim()[1], "N", means)
+            name_axis(bar.xaxis, bar.get_xlim()[1], "Contact force", "N", short=True, more=means)
     return ax
-
-
-def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequence[float] | None = None) -> Figure:
-    """Draw a figure of the balls, contacts and forces of a network, one column wide; see :func:`plot_forces`.
-
-    ``window`` is in m.
-    """
-    figure: Any = plot_forces(network, show=show, window=window).get_figure()
-    return figure  # type: ignore[no-any-return]
 
 
 def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, ...]:
@@ -361,13 +346,6 @@ def _project(network: ContactNetwork) -> _Map:
     )  # fmt: skip
 
 
-def _name_unit(axis: Axis, label: str, most: float, unit: str, more: str = "") -> None:
-    """Label an axis, whose data are in an SI ``unit``, with the multiple of it that suits the largest number."""
-    size, name = readable_unit(most, unit)
-    axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
-    axis.set_label_text(f"{label} ({name}){more}")
-
-
 def _write_title(sample: Sample) -> str:
     """Return the title: f* and a* (for equal balls the force, N), and N_c."""
     state, contacts = sample.equilibrium, f"$N_c$ = {sample.contact_fraction():.3f}"
@@ -411,9 +389,7 @@ def forces_figure(state: ContactState) -> Figure:
     sample = state.samples[0]
     layer = _find_layer(sample)
     large = float(np.max(layer.size)) > _MOST_DIAMETERS
-    with matplotlib.rc_context(STYLE):
-        height = _LARGE_HEIGHT if large else layer.height
-        figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
+    with styled_figure(_LARGE_HEIGHT if large else layer.height, PAGE_WIDTH) as figure:
         *arrays, last = figure.subplots(1, 2 + large)
         if large:
             edges = _choose_window(layer, None)
