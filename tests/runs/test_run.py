@@ -915,7 +915,7 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     scene = Scene.from_text(text)
     assert scene.has_tasks
     run = SweepRun.of(scene.case_grid)
-    state, expected = run.cases[0].restore(run.do()), scene.state()
+    state, expected = run.grid.cases[0].restore(run.do()), scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
