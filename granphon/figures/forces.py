@@ -299,7 +299,8 @@ def _find_layer(sample: Sample) -> _Map:
 def _sum_forces(i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int) -> tuple[Array, Array]:
     """Return of each of ``count`` balls the sum of the forces of its contacts, and the number of these."""
     ends = np.concatenate([i, j])
-    return np.bincount(ends, np.concatenate([force, force]), count), np.bincount(ends, minlength=count).astype(float)
+    sums = np.bincount(ends, np.concatenate([force, force]), count)
+    return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
 
 
 def _project(network: ContactNetwork) -> _Map:
