@@ -160,18 +160,16 @@ class ContactFinder:
     state : the state. The contact vectors of its lattice are the reference of each contact; with finite overlap contacts
         have the directions in which the balls are, at the spacing a = d - delta.
     coordinates : m, the number of coordinates of a ball that count.
-    free : whether balls need not be near the sites of the lattice, but may touch in any direction.
-
-    Attributes
-    ----------
     overlap : delta/d of the state.
     apart : delta/d up to which all balls are apart; below zero where diameters differ, as the largest balls touch first.
     spacing : of the sites, in diameters.
+    free : whether balls need not be near the sites of the lattice, but may touch in any direction.
     """
 
-    def __init__(self, state: ContactState, coordinates: int, free: bool) -> None:
-        self.overlap, self.apart = float(state.relative_overlap), state.law.least_overlap / state.scales.length
-        self.spacing = 1.0 - self.overlap if state.finite_overlap else 1.0
+    def __init__(
+        self, state: ContactState, coordinates: int, overlap: float, apart: float, spacing: float, free: bool
+    ) -> None:
+        self.overlap, self.apart, self.spacing = overlap, apart, spacing
         self._finite_overlap, self._lattice = state.finite_overlap, state.packing.structure
         self._coordinates, self._periods, self._free = coordinates, self._lattice.periods, free
         self._near = PairList()

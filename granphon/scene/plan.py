@@ -19,10 +19,10 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.balls.parameters import Axis, change_packing, count_combinations
+from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LENGTH
+from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
@@ -194,11 +194,6 @@ class Plan:
         return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
-        return self.origin.inputs
-
-    @property
     def directions(self) -> tuple[tuple[float, ...], ...]:
         """The directions of sound that are given, one or many; empty if none is."""
         given = self.direction or ()
@@ -221,13 +216,6 @@ class Plan:
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
 
     @property
-    def bands(self) -> dict[str, Any]:
-        """The path of the bands, as keywords of :func:`granphon.runs.sweep.sweep`; empty if they are not observed."""
-        if "bands" not in self.observe:
-            return {}
-        return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
-
-    @property
     def is_single(self) -> bool:
         """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
@@ -245,6 +233,34 @@ class Plan:
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
             raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
         return text
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of what the scene says; no state is computed."""
+        from granphon.figures.words import describe_medium  # imported here: a run does not need it
+
+        load, structure, seen = self.load, self.packing.structure, set(self.observe)
+        spectrum, pulse = self.spectrum, self.pulse
+        media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
+        rows: list[tuple[str, Any, str]] = [
+            *self.packing.describe(),
+            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, structure.periods, structure.pressed_axes)),
+            ("components", load.tensor, "of that"), ("balls per side", load.balls_per_side, ""),
+            ("gravity", load.gravity, "m/s^2"),
+            ("medium", media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ), ""),
+            *((f"sweep of {name.replace('_', ' ')}", values, find_unit(name) or "") for name, values in self.parameters),
+            ("finite overlap", self.finite_overlap, ""), ("observe", self.observe, ""),
+            *(("direction", one, "") for one in self.directions[:4]),
+        ]  # fmt: skip
+        if seen & {"bands", "spectrum"}:
+            rows.append(("path", " ".join(self.path.labels) if self.path.labels else str(self.path), ""))
+        rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
+        if "spectrum" in seen:
+            rows += [("polarisation", spectrum.polarisation, ""), ("points of a leg", spectrum.points, "")]
+        if "pulse" in seen and pulse is not None:
+            told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
+            rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
+        rows += [("mesh", " x ".join(map(str, self.grid)), "")] * ("dos" in seen)
+        return [row for row in rows if row[1] is not None]
 
     @cached_property
     def diameters(self) -> str | None:
@@ -299,8 +315,9 @@ class Plan:
     def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         sound = "velocities" in self.observe
+        path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
-            self.finite_overlap, direction=self.direction, waves=self.waves, exponents=sound,
+            self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             sound=sound or not {"bands", "dos"} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
@@ -471,15 +488,15 @@ class Plan:
         """Compute every state of the scene as one data set, from its :attr:`cases`.
 
         ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
-        ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
-        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
-        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        ``resume``, ``overwrite`` and ``store``. A load that cannot be carried raises
+        :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one that a computation does not
+        reach :class:`~granphon.base.errors.ConvergenceError`.
         """
         from granphon.runs.sweep import sweep_grid
 
         self.require_waves()
         with self.place_errors():
-            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options | self.bands)
+            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options)
 
     # -- cost -----------------------------------------------------------------------------------------------------------
 
