@@ -517,7 +517,7 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
         from granphon.figures.spectra import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
-    from granphon.figures.sweeps import sweep_figure
+    from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 

@@ -24,8 +24,7 @@ from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
 from granphon.dynamics.tensors import symmetrise
 from granphon.figures.bands import bands_figure
-from granphon.figures.curves import describe_lines
-from granphon.figures.sweeps import sweep_figure
+from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
 from granphon.runs.samples import SampleRecord
 from granphon.scene.redraw import read_run, redraw

@@ -697,7 +697,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [
-        ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.figures.curves.sweep_figure", KeyboardInterrupt(), 130),
         ("granphon.runs.dataset._write_rows", OSError(28, "No space left on device"), 1),
     ],
 )

@@ -20,7 +20,7 @@ from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
 from granphon.cli.wording import describe_result, describe_scene
-from granphon.figures.sweeps import sweep_figure
+from granphon.figures.curves import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.runs import dataset
 from granphon.scene.file import write_preset
