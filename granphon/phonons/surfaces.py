@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,40 +14,13 @@ from granphon.base.results import Result
 from granphon.base.validation import finite_array, positive, real_array, whole_number
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
+from granphon.phonons.paths import default_letters, interpolate_path, special_points
 
 Array = NDArray[np.float64]
 #: angular frequency, over the highest, that stands for zero in a spectrum: its limit
 _ZERO = 1e-7
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SurfaceSpectrum(Result):
-    """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
-
-    Attributes
-    ----------
-    qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
-    frequencies : (n_f,) Hz.
-    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral over frequency is 1.
-    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of each is 1.
-    letters : names of the motions.
-    damping : full width at half maximum of the line of an undamped wave, Hz.
-    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave vector, Hz.
-    """
-
-    units = {"frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz"}
-    _shapes = {"qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2"}
-
-    qpoints: Array
-    frequencies: Array
-    values: Array
-    by_motion: Array
-    letters: tuple[str, ...]
-    damping: float
-    edges: Array
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
+#: number of frequencies of a map, and its highest, over that of the bands
+_ROWS, _ABOVE = 241, 1.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,6 +51,43 @@ class SurfaceBranches(Result):
     def __getitem__(self, index: int) -> Array:
         """Return the frequencies of all waves at the wave vector of this number, (n,) Hz."""
         return np.asarray(self.frequencies[self.place == range(len(self))[index]])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceSpectrum(Result):
+    """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
+
+    Attributes
+    ----------
+    qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
+    frequencies : (n_f,) Hz.
+    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral over frequency is 1.
+    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of each is 1.
+    letters : names of the motions.
+    damping : full width at half maximum of the line of an undamped wave, Hz.
+    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave vector, Hz.
+    waves : the waves of the edge at the same wave vectors; None if they were not sought.
+    distances : (n_q,) distance along a path over 2 pi, in units of 1/d; empty of wave vectors that are no path.
+    corners, labels : (c,) the same of the corners of the path, and their names.
+    """
+
+    units = {"frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz", "distances": "1", "corners": "1"}
+    _shapes = {"qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2", "corners": "c", "labels": "c"}
+
+    qpoints: Array
+    frequencies: Array
+    values: Array
+    by_motion: Array
+    letters: tuple[str, ...]
+    damping: float
+    edges: Array
+    waves: SurfaceBranches | None = None
+    distances: Array = field(default_factory=lambda: np.zeros(0))
+    corners: Array = field(default_factory=lambda: np.zeros(0))
+    labels: tuple[str, ...] = ()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype)
 
 
 class Surface:
@@ -133,6 +143,28 @@ class Surface:
             raise InputError(message("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions"))
         return given[:, :p], np.pad(given[:, :p], ((0, 0), (0, 3 - p)))
 
+    def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
+        """Return the path from corner to corner of the zone of a layer, ``npoints`` in each segment.
+
+        It is that of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the reciprocal cell, each corner
+        once; distances (n_q,) along the path over 2 pi, 1/d; the distances (c,) and the names of the corners. At the end of
+        a chain there is one wave vector, and no corner.
+        """
+        cell, p = self.half_space.layers.cell, len(self.cell)
+        if not p:
+            return np.zeros((1, 3)), np.zeros(1), np.zeros(0), ()
+        vectors, repeats = cell[:, :p] / self.half_space.units.length, [True] * p
+        letters = special_points(vectors, repeats)
+        segments, labels = interpolate_path(default_letters(vectors, repeats), npoints, letters, None, p)
+        steps = np.linalg.norm(np.diff(segments[..., :p] @ np.linalg.inv(vectors).T, axis=1), axis=2)
+        along = np.cumsum(steps).reshape(steps.shape)
+        jumps = np.array(["|" in label for label in labels[1:-1]], bool)
+        first = np.concatenate([[0.0], along[:-1, -1]])
+        distances = np.concatenate([first[:, None], along], axis=1)
+        kept = np.ones(distances.shape, bool)
+        kept[1:, 0] = jumps  # a corner where two segments join is there once
+        return segments[kept], distances[kept], np.concatenate([first, along[-1:, -1]]), labels
+
     def continuum(self, q: ArrayLike | None = None) -> Array:
         """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal, Hz, at each q.
 
@@ -168,6 +200,18 @@ class Surface:
         each = -2.0 / np.pi * omega[:, None] * own.mean(axis=2) / unit
         edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
         return SurfaceSpectrum(points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges)
+
+    def map(
+        self, npoints: int = 31, frequencies: ArrayLike | None = None, damping: float | None = None, leaky: bool = False
+    ) -> SurfaceSpectrum:
+        """Return :meth:`spectrum` along :meth:`path`, with the :meth:`branches` there as its ``waves``: ready to be drawn.
+
+        ``frequencies`` are 241 by default, from zero to just above the crystal's bands.
+        """
+        q, distances, corners, labels = self.path(npoints)
+        top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
+        found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
+        return replace(found, waves=self.branches(q, leaky), distances=distances, corners=corners, labels=labels)
 
     def branches(self, q: ArrayLike | None = None, leaky: bool = False) -> SurfaceBranches:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
