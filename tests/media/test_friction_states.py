@@ -27,7 +27,7 @@ from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines
 from granphon.figures.sweeps import sweep_figure
 from granphon.media.choice import MediumChoice
-from granphon.runs.samples import RecordedState, SampleRecord
+from granphon.runs.samples import SampleRecord
 from granphon.scene.redraw import read_run, redraw
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -346,7 +346,7 @@ def test_the_network_keeps_tangential_forces():
 def test_records_average_what_states_do():
     simulated = simulation(samples=2).at_overlap(0.1 * W)
     records = [SampleRecord.of(sample) for sample in simulated.samples]
-    recorded = RecordedState.of(simulated.law.simulation, records, Load("overlap", 0.1 * W))
+    recorded = gp.SimulatedState.of(simulated.law.simulation, records, Load("overlap", 0.1 * W))
     for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "normal_stiffness"):
         assert getattr(recorded, name) == getattr(simulated, name)
 
@@ -361,7 +361,7 @@ def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
         names[mu, response] = {check.name for check in gp.validity(state).checks}
         springs = state.sample.equilibrium.shear_ratios(response)[state.sample.equilibrium.contacts.carried]
         assert balls.resists_slip == bool(np.any(springs)) == ("shear" in names[mu, response])
-        record = RecordedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
+        record = gp.SimulatedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
         assert gp.validity(record).warnings == gp.validity(state).warnings
     assert [found for found in names if "shear" in names[found]] == [(0.0, "stick"), (0.2, "slide")]
     exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)

@@ -159,7 +159,7 @@ def test_the_direction_of_a_scene_is_that_of_its_velocities(tmp_path):
     told = read_summary(tmp_path / "one")
     assert_allclose(told["direction"], [0.5**0.5, 0.5**0.5, 0], rtol=1e-15)
     assert told["transverse_slow"] == expected.transverse_slow
-    assert dict(describe_scene(scene))["direction"] == "(1, 1, 0)"
+    assert dict(describe_scene(scene))["direction"] == "1, 1, 0"
     assert dict(describe_result(found))["slow transverse velocity"].endswith("m/s along (0.707107, 0.707107, 0)")
     # along x, as before, if none is given
     bare = read("lattice: fcc", "force: 5 N").run(tmp_path / "x", figures=False)
