@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -9,10 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.results import Result
+from granphon.base.staging import write_text
+from granphon.base.tables import Heading, table_text
 from granphon.base.validation import finite_array, positive, real_array, whole_number
 from granphon.dynamics.half_space import HalfSpace
+from granphon.media.state import State
 from granphon.networks.network import given_network
 from granphon.phonons.paths import default_letters, interpolate_path, special_points
 
@@ -71,8 +77,14 @@ class SurfaceSpectrum(Result):
     corners, labels : (c,) the same of the corners of the path, and their names.
     """
 
-    units = {"frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz", "distances": "1", "corners": "1"}
-    _shapes = {"qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2", "corners": "c", "labels": "c"}
+    units = {
+        "frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz", "distances": "1",
+        "corners": "1",
+    }  # fmt: skip
+    _shapes = {
+        "qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2", "corners": "c",
+        "labels": "c",
+    }  # fmt: skip
 
     qpoints: Array
     frequencies: Array
@@ -88,6 +100,17 @@ class SurfaceSpectrum(Result):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.values, dtype)
+
+    def write_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""
+        waves = self.waves
+        if waves is None:
+            raise InputError(message("the spectrum holds no waves of the edge", mend="Take Surface.map"))
+        distances = self.distances if len(self.distances) else np.full(len(self.qpoints), np.nan)
+        headings = [("distance", "1/d"), *((f"q{axis}", "") for axis in (1, 2, 3))]
+        headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
+        columns = (distances[waves.place], *self.qpoints[waves.place].T, waves.frequencies, waves.widths, waves.weight)
+        write_text(path, table_text([Heading(*one) for one in headings], np.transpose(columns).tolist()))
 
 
 class Surface:
@@ -206,7 +229,11 @@ class Surface:
     ) -> SurfaceSpectrum:
         """Return :meth:`spectrum` along :meth:`path`, with the :meth:`branches` there as its ``waves``: ready to be drawn.
 
-        ``frequencies`` are 241 by default, from zero to just above the crystal's bands.
+        Parameters
+        ----------
+        npoints : wave vectors in each segment of the path, both ends counted.
+        frequencies : (n_f,) Hz; by default 241 from zero to just above the crystal's bands.
+        damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
         """
         q, distances, corners, labels = self.path(npoints)
         top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
@@ -293,3 +320,29 @@ class Surface:
             raise InputError(message(f"the direction has the shape {along.shape}", mend=f"Give {p} numbers, not all zero"))
         unit = self.half_space.units.velocity
         return float(unit * self.half_space.rayleigh_velocity(along / np.linalg.norm(along)))
+
+
+def observe_surface(
+    states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
+) -> dict[str, Array]:
+    """Return what a run keeps of the waves at an edge, at each of n loads, by the names of the catalogue.
+
+    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan beyond those that there are, and where there is
+    a long wave its velocity (n,) along the first leg, m/s. ``different`` are the states, or the first of them if all have
+    one lattice in reduced units.
+    """
+    edges = [Surface(one, axis, edge) for one in different]
+    q, p = edges[0].path(points)[0], len(edges[0].cell)
+    branches = [one.branches(q[:, :p]) for one in edges]
+    most = max(1, *(int(np.bincount(one.place, minlength=1).max()) for one in branches))
+    table = np.full((len(edges), len(q), most), np.nan)
+    for row, one in zip(table, branches, strict=True):
+        rank = np.arange(len(one.place)) - np.searchsorted(one.place, one.place)
+        row[one.place, rank] = one.frequencies
+    ratio = np.array([[one.scales.frequency, one.scales.velocity] for one in states])
+    ratio = ratio / [[one.scales.frequency, one.scales.velocity] for one in different]
+    found = {"surface_frequency": ratio[:, 0, None, None] * table}
+    with suppress(GranphonError):
+        leg = q[1, :p] @ np.linalg.inv(edges[0].cell[:, :p]).T if len(q) > 1 else None
+        found["surface_velocity"] = ratio[:, 1] * [one.velocity(leg) for one in edges]
+    return found

@@ -45,7 +45,7 @@ from granphon.media.choice import MEDIA, MediumChoice, read_medium
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "gaps", "dos", "spectrum", "pulse")
+OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse")
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 #: the mesh of a density of states for one, two and three periods, if a scene gives none
