@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from granphon.figures.scales import scale_axis
+from granphon.figures.scales import scale_axis, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from granphon.figures.style import COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, readable_unit
-from granphon.figures.words import describe_medium, join_facts
+from granphon.base.scales import write_uncertain
+from granphon.figures.style import GUIDE, VERMILION
+from granphon.figures.words import describe_medium, join_facts, write_value
 from granphon.fits.fit import WidthFit
 from granphon.observables.catalogue import axis_label
 
@@ -56,17 +56,14 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
 
 def write_width(fit: WidthFit) -> str:
     """Return the fitted width with its standard error, of which two digits are told, if it is known: "2.026 ± 0.021 µm"."""
-    size, unit = readable_unit(fit.width, "m")
     if not fit.errors_are_known:
-        return f"{fit.width / size:.5g} {unit}"
-    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)
-    return f"{fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
+        return write_value(fit.width, "m")
+    return write_uncertain(fit.width, fit.stderr, "m").replace("+/-", "±").replace("u", "µ")
 
 
 def fit_figure(fit: WidthFit) -> Figure:
     """Draw a figure of a fit above its residuals, see :func:`plot_fit`; one column wide."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, 3.6), dpi=DPI, layout="constrained")
+    with styled_figure(3.6) as figure:
         axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])
         plot_fit(fit, axes[0], axes[1])
         handles, labels = axes[0].get_legend_handles_labels()

@@ -14,7 +14,6 @@ from granphon.base.text import read_bytes, read_yaml
 from granphon.scene.run import (
     SAMPLE_WAVES,
     SWEEP_FIGURES,
-    draw_sample_waves,
     draw_spectra,
     draw_sweep,
     read_summary,
@@ -22,7 +21,7 @@ from granphon.scene.run import (
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
-    from granphon.figures.comparison import Run
+    from granphon.figures.curves import Run
 
 
 _FORMATS = (".pdf", ".png", ".svg")
@@ -93,9 +92,10 @@ def redraw(
 
     def draw() -> Any:
         if wave is not None:
+            from granphon.figures.plot import plot
             from granphon.runs.wave_records import read_waves
 
-            return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
+            return plot(read_waves(source / f"{wave}.json"))
         if fitted and not swept:
             from granphon.figures.fits import fit_figure
             from granphon.fits.fit import WidthFit
@@ -128,7 +128,7 @@ def draw_together(
     sources : folders of runs and of fits, or files of results in them.
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data : as in :func:`granphon.figures.comparison.plot_together`.
+    x, y, data : as in :func:`granphon.figures.curves.plot_together`.
     backend : matplotlib backend that draws.
 
     Raises
@@ -143,7 +143,7 @@ def draw_together(
         raise InputError(message(f"{double} is given twice", mend="Give each run once"))
 
     def draw() -> Any:
-        from granphon.figures.comparison import comparison_figure
+        from granphon.figures.curves import comparison_figure
 
         runs, balls = [read_run(name) for name in names], set[Any]()
         if data:  # their loads may be side forces on the hexagonal frame that the scenes of the runs tell
@@ -203,7 +203,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
 def _read_files(name: str, have: dict[str, Path]) -> Run:
     """Read the files of a run or of a fit; beside a fit nothing else is read."""
-    from granphon.figures.comparison import Run
+    from granphon.figures.curves import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
         from granphon.fits.fit import WidthFit
@@ -265,20 +265,17 @@ def _name_kind(path: Path) -> str:
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of a run; no array is simulated again."""
     # imported here, as a figure without asymptotes does not need the media
-    from granphon.balls.packing import Packing
     from granphon.media.loaded_lattice import ideal_lattice
-    from granphon.media.network_state import as_state
     from granphon.media.state import ContactState
     from granphon.scene.scene import Scene
 
     scene = Scene.from_yaml(source / "scene.yaml")
-    if not isinstance(scene.packing, Packing):
-        return as_state(scene.state()).contact_lattice()
-    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
-        return ideal_lattice(scene.packing)
-    if not scene.media[0].is_exact:
+    packing: Any = scene.packing
+    if not scene.serving.arrays:
         return scene.state().contact_lattice()
+    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
+        return ideal_lattice(packing)
     found = read_summary(source)
     numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
-    medium, law = scene.media[0].name, scene.packing.law
-    return ContactState(scene.packing, medium, law, **numbers, finite_overlap=True).contact_lattice()
+    medium, law = scene.media[0].name, packing.law
+    return ContactState(packing, medium, law, **numbers, finite_overlap=True).contact_lattice()

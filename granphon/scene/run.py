@@ -292,7 +292,9 @@ class RunResult:
 
             return forces_figure(self.state)
         if self.waves is not None and stem in SAMPLE_WAVES:
-            return draw_sample_waves(stem, self.waves.results[stem])
+            from granphon.figures.plot import plot
+
+            return plot(self.waves.results[stem])
         if stem in ("bands", "dos"):
             return draw_spectra(self.bands, self.dos, gaps=self.gaps)
         return draw_sweep(self.dataset, name)
@@ -340,12 +342,12 @@ def run(
     scene.require_waves()
     text, kept = scene.to_yaml(), target / WORK_FILE
     with (
-        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
+        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.origin.inputs).open() as locked,
         # a state that is found at once keeps no parts, but those of another run are not to stand beside it
         open_store(kept, force) if scene.has_tasks or os.path.lexists(kept) else nullcontext() as store,
     ):
         with scene.place_errors():
-            work, parts = SweepRun.of(scene.case_grid, **scene.bands), list[TaskResult]()
+            work, parts = SweepRun.of(scene.case_grid), list[TaskResult]()
             try:
                 if scene.has_tasks:
                     parts = work.do(executor, progress, store)
@@ -355,7 +357,7 @@ def run(
                     result = RunResult(scene, target, work.join(parts))
                 else:
                     # what only a single state has: its samples, bands and densities of states
-                    state = work.cases[0].restore(parts) if parts else scene.state()
+                    state = work.grid.cases[0].restore(parts) if parts else scene.state()
                     with scene.origin.where_it_buckles():
                         result = _describe_alone(scene, target, work, state, parts, progress)
             except GranphonError as error:
@@ -515,7 +517,7 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
         from granphon.figures.spectra import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
-    from granphon.figures.sweeps import sweep_figure
+    from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
@@ -525,14 +527,3 @@ def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None, gaps: Any = None)
     from granphon.figures.bands import bands_figure
 
     return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes, gaps=gaps)
-
-
-def draw_sample_waves(stem: str, result: Any) -> Any:
-    """Draw the figure of one of the :data:`SAMPLE_WAVES`."""
-    if stem == "pulse":
-        from granphon.figures.pulses import pulse_figure
-
-        return pulse_figure(result)
-    from granphon.figures.spectra import sample_dos_figure, spectrum_figure
-
-    return spectrum_figure(result) if stem == "spectrum" else sample_dos_figure(result)
