@@ -525,8 +525,8 @@ class _System:
 class _Configuration:
     """The contacts and forces of a crystal at unknowns ``x``, in the true geometry.
 
-    ``now`` (n_c, d) are the vectors from ball to ball, ``pull`` (N,) the forces left on the unknowns, and ``residual`` is the
-    largest over the ``mean`` force.
+    ``now`` (n_c, d) are the vectors from ball to ball, ``pull`` (N,) the forces left on the unknowns, and ``residual`` is
+    the largest over the ``mean`` force.
     """
 
     def __init__(self, frame: Frame, springs: Springs, push: Push, x: Array) -> None:
