@@ -32,7 +32,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
     "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
     "granphon.SimulatedState": ("forces", "forces_figure", "state", 0.0),
-    "xarray.Dataset": ("sweeps", "sweep_figure", "dataset", 0.0),
+    "xarray.Dataset": ("curves", "sweep_figure", "dataset", 0.0),
 }
 #: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
@@ -55,7 +55,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with
     measured points, or bands, or densities of states. ``options`` are then those of
-    :func:`granphon.figures.comparison.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
+    :func:`granphon.figures.curves.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
     single result of these kinds, and the figure of the Axes is returned.
 
     Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the function does not have.
@@ -64,7 +64,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     # a data set is a mapping too, of variables
     several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
     if several or axes is not None:
-        from granphon.figures.comparison import comparison_figure, plot_together
+        from granphon.figures.curves import comparison_figure, plot_together
 
         results = result if several else [result]
         _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)

@@ -32,14 +32,12 @@ from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
-from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.execution import solve_all
 from granphon.runs.samples import SampleRecord
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,
-    CaseTasks,
     Grid,
     drop_marks,
     explain_end,
@@ -118,25 +116,23 @@ class SweepRun:
 
     grid: Grid
     frame: Dataset
-    cases: tuple[CaseTasks, ...]
 
     @classmethod
-    def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
+    def of(cls, grid: Grid) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
-        frame = make_frame(grid, bands, npoints, labels)
+        frame = make_frame(grid)
         for case in grid.cases if grid.asked.sound else ():
             try:  # an array is not the lattice, and has its own forces
                 case.medium.of(case.packing).require_sound(grid.asked.finite_overlap and not case.medium.is_exact)
             except (MechanismError, InstabilityError) as error:
                 raise error.restate(f"{case.label}: {error}") from None
-        qpoints = frame["qpoints"].values if "qpoints" in frame else None
-        return cls(grid, frame, tuple(CaseTasks(case, qpoints) for case in grid.cases))
+        return cls(grid, frame)
 
     def do(
         self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None
     ) -> list[TaskResult]:
         """Do all tasks, case by case, whose results the ``store`` keeps, and return these."""
-        place, tasks = store or Store(), [task for case in self.cases for task in case.tasks]
+        place, tasks = store or Store(), [task for case in self.grid.cases for task in case.tasks]
         place.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
         return solve_all("simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place)
 
@@ -147,8 +143,8 @@ class SweepRun:
         loads before.
         """
         left = iter(found)
-        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.cases]
-        dataset = fill(self.frame, self.grid, self.cases, [drop_marks(part) for part in parts])
+        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.grid.cases]
+        dataset = fill(self.frame, self.grid, [drop_marks(part) for part in parts])
         places = find_reached(parts, dataset.sizes["load"])
         if len(places) < dataset.sizes["load"]:
             error = explain_end(parts)
@@ -158,16 +154,16 @@ class SweepRun:
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
         """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
-        return fill(self.frame, self.grid, self.cases, [self.cases[0].observe_alone(analysis, records)])
+        return fill(self.frame, self.grid, [self.grid.cases[0].observe_alone(analysis, records)])
 
 
 # -- the frame, and results in it -------------------------------------------------------------------------------------
 
 
-def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Sequence[str] | None = None) -> Dataset:
+def make_frame(grid: Grid) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes.
 
-    The path, which all packings share, has s segments of p points, and labels of its ``corners``. In the data set
+    The path, which all packings share, has s segments of p points, and labels of its corners. In the data set
     ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
     limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
     :class:`~granphon.base.errors.InputError` if there is no such path.
@@ -177,14 +173,13 @@ def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Seque
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
     variables: dict[str, Any] = {}
-    if bands is not None:
+    if (way := asked.find_path(packing.structure)) is not None:
         if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
             why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
             what = "bands cannot be swept over friction, motions or lattices"
             raise InputError(message(what, why, "Make a sweep of each"))
         vectors, p = packing.structure.vectors, packing.structure.periods
-        letters = special_points(vectors) if isinstance(bands, str) else {}
-        qpoints, ticks = interpolate_path(bands, npoints, letters, corners, p)
+        qpoints, ticks = way
         cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
         # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
@@ -279,17 +274,17 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: list[TaskResult]) -> Dataset:
+def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
     """Return the frame with the results of the cases, ``parts``, filled in."""
     load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     along = ("direction",) * ("direction" in frame.dims)
     voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
     sizes = {name: part[name].shape[1:] for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].sampled}
-    for number, case in enumerate(cases):
+    for number, case in enumerate(grid.cases):
         # standard errors that a result lacks are zero for a medium that samples nothing, and nan, not known, for one sample
         error = np.zeros(load.size)
-        for serving in case.case.serving_media:
+        for serving in case.serving_media:
             error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
         lacking = {name: shape for name, shape in sizes.items() if name not in parts[number]}
         parts[number] |= {
@@ -305,10 +300,12 @@ def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: list[Tas
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
-    if any(serving.chosen_automatically for one in cases for serving in one.case.serving_media):
-        for number, one in enumerate(cases):  # the medium that serves each load, and its error, +inf where that is not known
+    if any(serving.chosen_automatically for one in grid.cases for serving in one.serving_media):
+        for number, one in enumerate(
+            grid.cases
+        ):  # the medium that serves each load, and its error, +inf where that is not known
             choice, error = np.empty(load.size, object), np.empty(load.size)
-            for serving in one.case.serving_media:
+            for serving in one.serving_media:
                 choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
             parts[number] |= {"choice": choice.astype(str), "expected_error": error}
     # keep the variables that every case has

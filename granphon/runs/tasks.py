@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError, message
@@ -39,6 +40,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Check
 from granphon.observables.velocities import warn_of_free_branches
+from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.samples import SampleRecord, keep_balls, restore_sample
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
@@ -74,7 +76,7 @@ class Asked:
     Attributes
     ----------
     finite_overlap : whether terms of relative order delta/d are.
-    qpoints : (s, p, 3), the path of the bands; None without bands.
+    path : that of the bands: letters or corners, points in a segment, and labels of the corners; None without bands.
     direction : that of sound, Cartesian, one or many; None for x.
     waves : what is asked of the waves in each sample of a simulation; None for nothing.
     surface : the edge whose waves are asked for; None for none.
@@ -85,13 +87,21 @@ class Asked:
     """
 
     finite_overlap: bool = False
-    qpoints: NDArray[Any] | None = None
+    path: tuple[Any, int, Sequence[str] | None] | None = None
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
     exponents: bool = True
     sound: bool = True
     alone: bool = False
+
+    def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
+        """Find the points along the path of the bands, (s, p, 3), and the labels of its corners; None without bands."""
+        if self.path is None:
+            return None
+        corners, npoints, labels = self.path
+        letters = special_points(structure.vectors) if isinstance(corners, str) else {}
+        return interpolate_path(corners, npoints, letters, labels, structure.periods)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +130,72 @@ class Case:
         medium, or if none can be chosen.
         """
         return self.medium.choose(self.packing, self.load)
+
+    @cached_property
+    def media(self) -> list[MediumTask]:
+        """A task for each medium that serves loads; an error names the case, and the load if it is known."""
+        try:
+            serving_media = [one for serving in self.serving_media for one in serving.by_geometry(self.asked.finite_overlap)]
+        except InputError as error:
+            at, periods = error.load_index, self.packing.structure.periods
+            located = _name_task(self.label, error) if at is None else _name_load(self.label, self.load, at, error, periods)
+            raise located from error
+        # lattices have no waves of their own here, and their exponents cost nothing
+        ideal = replace(self.asked, waves=None, exponents=True)
+        return [
+            MediumTask(
+                f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
+                serving,
+                self.asked if serving.arrays else ideal,
+            )
+            for serving in serving_media
+        ]
+
+    @cached_property
+    def tasks(self) -> list[MediumTask]:
+        """The tasks that can run side by side: of a simulation one for each sample."""
+        return [task for one in self.media for task in one.tasks]
+
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+        """Put the results of the :attr:`tasks` together; variables that only some of several media have are left out."""
+        left, found = iter(parts), list[TaskResult]()
+        for one in self.media:
+            found.append(one.join(list(islice(left, len(one.tasks)))))
+        if len(found) == 1:
+            return found[0]
+        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
+        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
+        # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
+        notes: dict[Any, Check | str] = {}
+        for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
+            key = note if isinstance(note, str) else (note.name, note.limit, note.reason, note.at_least)
+            before = notes.get(key)
+            notes[key] = before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
+        out: TaskResult = {"warnings": _write_notes(notes.values())}
+        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
+        for name, value in named.items():
+            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
+            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
+                rows = [
+                    part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
+                    for part, one in zip(found, self.media, strict=True)
+                ]
+                out[name] = np.concatenate(pad_alike(rows))[order]
+        return out | marks
+
+    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
+        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
+        (task,) = self.media
+        out = task.observe(analysis)
+        return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
+
+    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
+        """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
+        (serving,) = self.serving_media
+        (medium,) = serving.arrays
+        samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
+        state = SimulatedState.of(medium, samples, serving.load.applied[0])
+        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,89 +260,6 @@ def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
     ]
 
 
-# -- of a case ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class CaseTasks:
-    """The tasks of a case, and the result of the case that is made of theirs.
-
-    ``qpoints`` are those of the bands that are asked for, None without bands.
-    """
-
-    case: Case
-    qpoints: Any = None
-
-    @cached_property
-    def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads; an error names the case, and the load if it is known."""
-        case = self.case
-        try:
-            serving_media = [one for serving in case.serving_media for one in serving.by_geometry(case.asked.finite_overlap)]
-        except InputError as error:
-            at = error.load_index
-            periods = case.packing.structure.periods
-            located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
-            raise located from error
-        # lattices have no waves of their own here, and their exponents cost nothing
-        asked = replace(case.asked, qpoints=self.qpoints)
-        ideal = replace(asked, waves=None, exponents=True)
-        return [
-            MediumTask(
-                f"{case.label}: {serving.medium.label}" if serving.chosen_automatically else case.label,
-                serving,
-                asked if serving.arrays else ideal,
-            )
-            for serving in serving_media
-        ]
-
-    @cached_property
-    def tasks(self) -> list[MediumTask]:
-        """The tasks that can run side by side: of a simulation one for each sample."""
-        return [task for one in self.media for task in one.tasks]
-
-    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`tasks` together; variables that only some of several media have are left out."""
-        left, found = iter(parts), list[TaskResult]()
-        for one in self.media:
-            found.append(one.join(list(islice(left, len(one.tasks)))))
-        if len(found) == 1:
-            return found[0]
-        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
-        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
-        # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
-        notes: dict[Any, Check | str] = {}
-        for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
-            key = note if isinstance(note, str) else (note.name, note.limit, note.reason, note.at_least)
-            before = notes.get(key)
-            notes[key] = before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
-        out: TaskResult = {"warnings": _write_notes(notes.values())}
-        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
-        for name, value in named.items():
-            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
-            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
-                rows = [
-                    part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
-                    for part, one in zip(found, self.media, strict=True)
-                ]
-                out[name] = np.concatenate(pad_alike(rows))[order]
-        return out | marks
-
-    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
-        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
-        (task,) = self.media
-        out = task.observe(analysis)
-        return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
-
-    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
-        """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
-        (serving,) = self.case.serving_media
-        (medium,) = serving.arrays
-        samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
-        state = SimulatedState.of(medium, samples, serving.load.applied[0])
-        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
-
-
 # -- of a medium ----------------------------------------------------------------------------------------------------
 
 
@@ -315,7 +308,7 @@ class MediumTask:
         """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
         samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        asked = replace(self.asked, qpoints=None, direction=None, surface=None)  # none is asked for of a sample
+        asked = replace(self.asked, path=None, direction=None, surface=None)  # none is asked for of a sample
         return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -373,7 +366,8 @@ class MediumTask:
         notes += warn_of_missing_error(out)
         found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
         # in the paper's limit one dispersion relation serves all loads, unless the torsion is that of a Hertz contact
-        many = not state.is_single and (asked.surface is not None or asked.qpoints is not None)
+        way = asked.find_path(self.serving.packing.structure)
+        many = not state.is_single and (asked.surface is not None or way is not None)
         loads = [state[i] for i in range(len(state.force))] if many else [state]
         different = loads[:1] if state.has_one_lattice else loads
         if asked.surface is not None and state.n_samples:
@@ -383,13 +377,13 @@ class MediumTask:
 
             of = asked.surface
             found |= observe_surface(loads, different, of.axis, of.edge, of.points)
-        if asked.qpoints is not None:
+        if way is not None:
             # the frequencies that phonopy gives, but from C(q), which needs no force constants
             lattices = [one.contact_lattice() for one in different]
-            paths = [one.wavevectors(asked.qpoints.reshape(-1, 3)) for one in lattices]
+            paths = [one.wavevectors(way[0].reshape(-1, 3)) for one in lattices]
             rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
             hertz = np.array([one.scales.frequency for one in loads])
-            found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *asked.qpoints.shape[:2], -1)
+            found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *way[0].shape[:2], -1)
             notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
             notes += [LATTICE_BANDS] * bool(state.n_samples)
         return found | {"warnings": _write_notes(notes)}

@@ -196,11 +196,6 @@ class Plan:
         return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
-        return self.origin.inputs
-
-    @property
     def directions(self) -> tuple[tuple[float, ...], ...]:
         """The directions of sound that are given, one or many; empty if none is."""
         given = self.direction or ()
@@ -221,13 +216,6 @@ class Plan:
         way = (path.paths, path.names) if path is not None else ((), ())
         pulse = self.pulse if "pulse" in self.observe else None
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
-
-    @property
-    def bands(self) -> dict[str, Any]:
-        """The path of the bands, as keywords of :func:`granphon.runs.sweep.sweep`; empty if they are not observed."""
-        if "bands" not in self.observe:
-            return {}
-        return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
 
     @property
     def is_single(self) -> bool:
@@ -332,8 +320,9 @@ class Plan:
     def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         sound = "velocities" in self.observe
+        path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
-            self.finite_overlap, direction=self.direction, waves=self.waves, exponents=sound,
+            self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             surface=self.surface if "surface" in self.observe else None,
             sound=sound or not {"bands", "dos", "surface"} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
@@ -421,7 +410,7 @@ class Plan:
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
-            if "velocities" in self.observe and medium.is_quick and not later:
+            if "velocities" in self.observe and not later and all(serving.is_quick for serving in one.serving_media):
                 with self.origin.at(*place, before=found):
                     one.state.reference_lattice.require_rigid()
             left = one.require_start(left)
@@ -505,15 +494,15 @@ class Plan:
         """Compute every state of the scene as one data set, from its :attr:`cases`.
 
         ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
-        ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
-        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
-        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        ``resume``, ``overwrite`` and ``store``. A load that cannot be carried raises
+        :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one that a computation does not
+        reach :class:`~granphon.base.errors.ConvergenceError`.
         """
         from granphon.runs.sweep import sweep_grid
 
         self.require_waves()
         with self.place_errors():
-            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options | self.bands)
+            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options)
 
     # -- cost -----------------------------------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from granphon.scene.run import (
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
-    from granphon.figures.comparison import Run
+    from granphon.figures.curves import Run
 
 
 _FORMATS = (".pdf", ".png", ".svg")
@@ -129,7 +129,7 @@ def draw_together(
     sources : folders of runs and of fits, or files of results in them.
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data : as in :func:`granphon.figures.comparison.plot_together`.
+    x, y, data : as in :func:`granphon.figures.curves.plot_together`.
     backend : matplotlib backend that draws.
 
     Raises
@@ -144,7 +144,7 @@ def draw_together(
         raise InputError(message(f"{double} is given twice", mend="Give each run once"))
 
     def draw() -> Any:
-        from granphon.figures.comparison import comparison_figure
+        from granphon.figures.curves import comparison_figure
 
         runs, balls = [read_run(name) for name in names], set[Any]()
         if data:  # their loads may be side forces on the hexagonal frame that the scenes of the runs tell
@@ -204,7 +204,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
 def _read_files(name: str, have: dict[str, Path]) -> Run:
     """Read the files of a run or of a fit; beside a fit nothing else is read."""
-    from granphon.figures.comparison import Run
+    from granphon.figures.curves import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
         from granphon.fits.fit import WidthFit

@@ -353,12 +353,12 @@ def run(
     scene.require_waves()
     text, kept = scene.to_yaml(), target / WORK_FILE
     with (
-        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
+        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.origin.inputs).open() as locked,
         # a state that is found at once keeps no parts, but those of another run are not to stand beside it
         open_store(kept, force) if scene.has_tasks or os.path.lexists(kept) else nullcontext() as store,
     ):
         with scene.place_errors():
-            work, parts = SweepRun.of(scene.case_grid, **scene.bands), list[TaskResult]()
+            work, parts = SweepRun.of(scene.case_grid), list[TaskResult]()
             try:
                 if scene.has_tasks:
                     parts = work.do(executor, progress, store)
@@ -368,7 +368,7 @@ def run(
                     result = RunResult(scene, target, work.join(parts))
                 else:
                     # what only a single state has: its samples, bands and densities of states
-                    state = work.cases[0].restore(parts) if parts else scene.state()
+                    state = work.grid.cases[0].restore(parts) if parts else scene.state()
                     with scene.origin.where_it_buckles():
                         result = _describe_alone(scene, target, work, state, parts, progress)
             except GranphonError as error:
@@ -538,7 +538,7 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
         from granphon.figures.spectra import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
-    from granphon.figures.sweeps import sweep_figure
+    from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
