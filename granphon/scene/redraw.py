@@ -47,8 +47,8 @@ def redraw(
     ----------
     folder : folder of the run; it holds sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means the waves of an edge,
-        spectrum, pulse or sample_dos that result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations. By default sweep.png, fit.png,
-        bands.png (dos.png without bands) in the folder.
+        spectrum, pulse or sample_dos that result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations.
+        By default sweep.png, fit.png, bands.png (dos.png without bands, surface.png of these waves alone) in the folder.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.

@@ -37,8 +37,8 @@ class Scene(Plan):
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
         which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse" to compute; the last two, and the density
-        of states of the array itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse" to compute; the last two, and
+        the density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
         for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.

@@ -127,7 +127,7 @@ class WaveSettings:
 
 
 def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
-    """Return the rules of the ``block`` "spectrum", "pulse" or "surface": of a file (``read``), or of numbers in SI units."""
+    """Return the rules of a ``block``, "spectrum", "pulse" or "surface": of a file (``read``), or of numbers in SI."""
 
     def quantity(name: str) -> Rule:
         kind = _QUANTITIES[name]
