@@ -44,8 +44,8 @@ from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
 from .networks.network import ContactNetwork as ContactNetwork
-from .observables.pulses import PulseVelocities as PulseVelocities
-from .observables.pulses import pulse_velocities as pulse_velocities
+from .observables.velocities import PulseVelocities as PulseVelocities
+from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.validity import Check as Check
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
