@@ -79,6 +79,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
             known, given = _PICTURES["granphon.Bands"], spectra
+        elif dataset is not result and getattr(result, "surface", None) is not None:
+            known, given = _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": result.surface}
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):

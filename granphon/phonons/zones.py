@@ -33,29 +33,16 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
     ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the same unit.
     """
     # imported here, as only a zone in space needs it
-    from scipy.spatial import Voronoi
+    from ase.dft.bz import bz_vertices
 
-    short = _reduce(reciprocal)
+    short, faces = _reduce(reciprocal), []
     size = float(np.linalg.norm(short, axis=1).max())
-    # of reduced vectors, no face of the zone is that of a neighbour more than two steps away
-    steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = steps @ short / size
-    cells, faces = Voronoi(points), []
-    origin = int(np.flatnonzero(np.all(steps == 0, axis=1))[0])
-    for pair, ridge in zip(cells.ridge_points, cells.ridge_vertices, strict=True):
-        if origin not in pair:
-            continue
-        toward = points[pair.sum() - origin]
-        toward = toward / np.linalg.norm(toward)
-        corners = cells.vertices[ridge]
-        right = np.cross(toward, np.eye(3)[np.argmin(np.abs(toward))])
-        right /= np.linalg.norm(right)
-        from_middle = corners - corners.mean(axis=0)
-        corners = corners[np.argsort(np.arctan2(from_middle @ np.cross(toward, right), from_middle @ right))]
+    for ring, outward in bz_vertices(short / size):
         # a neighbour that the zone touches in an edge or a corner only gives a face without area
-        corners = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > _SAME]
-        if len(corners) >= 3 and np.linalg.norm(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0])) > _SAME:
-            faces.append(np.asarray(corners * size))
+        corners = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _SAME]
+        area = np.sum(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]), axis=0) if len(corners) > 2 else 0.0
+        if np.linalg.norm(area) > _SAME:
+            faces.append(np.asarray(corners[:: 1 if area @ outward > 0.0 else -1] * size))
     return faces
 
 
