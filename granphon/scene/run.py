@@ -43,8 +43,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
+from granphon.base.results import write_html
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, read_yaml, require_schema, versions
