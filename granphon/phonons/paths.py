@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 #: greatest number of points or cells that an argument may ask for; a larger one is a mistake
 LARGEST_COUNT = 1_000_000_000
+#: mesh of a density of states for one, two and three periods, if none is given
+MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: greatest size of a coordinate of a path in a scene
 _LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and their coordinates as fractions of the reciprocal cell,

@@ -67,8 +67,6 @@ SCENE_SCHEMA = 1
 OBSERVABLES = ("velocities", "bands", "gaps", "dos", "spectrum", "pulse")
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
-#: the mesh of a density of states for one, two and three periods, if a scene gives none
-MESHES = ((1024,), (64, 64), (32, 32, 32))
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
 MOST_DIAMETERS = 1000

@@ -410,7 +410,7 @@ def _describe_alone(
             bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
     if "dos" in scene.observe:
         with progress.step("density of states"):
-            dos = phonons.dos(mesh=scene.grid)
+            dos = phonons.dos(mesh=scene.mesh)
     if "gaps" in scene.observe:
         with progress.step("gaps"):
             gaps = phonons.gaps()
