@@ -398,7 +398,7 @@ class Plan:
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
-            if "velocities" in self.observe and medium.is_quick and not later:
+            if "velocities" in self.observe and not later and all(serving.is_quick for serving in one.serving_media):
                 with self.origin.at(*place, before=found):
                     one.state.reference_lattice.require_rigid()
             left = one.require_start(left)

@@ -225,7 +225,7 @@ def brute_statistics(law, y, n=40_000):
 @pytest.mark.parametrize("kind", only([1], [0, 1]))
 def test_statistics_of_section_4_by_brute_force(name, kind):
     law = laws(name)[kind]
-    for y in (-0.2, -0.03, 0.0, 0.11, 0.25, 0.4, 0.49, 0.7, 1.3, 8.0):
+    for y in (-0.2, 0.0, 0.25, 0.49, 1.3, 8.0):
         fluctuation, closed = brute_statistics(law, y)
         assert law.force_fluctuation(y) == pytest.approx(fluctuation, rel=1e-8)
         # a count has a kink at the ball whose corona just touches: 128 nodes on either side leave 1e-6
