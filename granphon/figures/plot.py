@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
-    "granphon.WidthFit": ("fits", "fit_figure", "fit", 0.0),
+    "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("spectra", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("spectra", "plot_lines", "spectrum", 2.6),
@@ -79,6 +79,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
             known, given = _PICTURES["granphon.Bands"], spectra
+        elif dataset is not result and getattr(result, "surface", None) is not None:
+            known, given = _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": result.surface}
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):

@@ -43,6 +43,7 @@ from granphon.runs.tasks import (
     explain_end,
     find_reached,
     label_warnings,
+    pad_alike,
     tell_warnings,
     to_json,
 )
@@ -55,8 +56,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
-#: costs of the observables of the waves in simulated arrays
-_OF_WAVES = ("pulse", "spectrum", "dos")
+#: costs of the observables of the waves in simulated arrays, and at edges
+_OF_WAVES = ("pulse", "spectrum", "dos", "surface")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: name of the attribute with the sha256 digest of the numbers
@@ -98,7 +99,7 @@ _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
 #: variables that are nan where a warning says that they are not known
-_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "dos")}
+_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
 #: standard errors, nan where they are not known
 _ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
 #: attributes that hold a JSON text, and its type
@@ -222,6 +223,8 @@ def make_frame(grid: Grid) -> Dataset:
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
+    if asked.surface is not None:
+        attrs["surface"] = to_json(asked.surface)
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
@@ -262,7 +265,7 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 def collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
-    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves") if name in frame.attrs}
+    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves", "surface") if name in frame.attrs}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
     known = {*LOAD_KINDS, *PARAMETERS, "direction"}
     for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
@@ -289,6 +292,10 @@ def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
         }
     labels = [case.label for case in grid.cases]
     told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
+    for name in {name for part in parts for name in part if name == "surface_frequency"}:
+        holders = [part for part in parts if name in part]
+        for part, table in zip(holders, pad_alike([part[name] for part in holders]), strict=True):
+            part[name] = table
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name

@@ -49,7 +49,7 @@ from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
-from granphon.waves.settings import WaveSettings
+from granphon.waves.settings import SurfaceSettings, WaveSettings
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -95,6 +95,7 @@ class Asked:
     path : that of the bands: letters or corners, points in a segment, and labels of the corners; None without bands.
     direction : that of sound, Cartesian, one or many; None for x.
     waves : what is asked of the waves in each sample of a simulation; None for nothing.
+    surface : the edge whose waves are asked for; None for none.
     exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
     alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
@@ -105,6 +106,7 @@ class Asked:
     path: tuple[Any, int, Sequence[str] | None] | None = None
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
+    surface: SurfaceSettings | None = None
     exponents: bool = True
     sound: bool = True
     alone: bool = False
@@ -194,7 +196,7 @@ class Case:
                     part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
                     for part, one in zip(found, self.media, strict=True)
                 ]
-                out[name] = np.concatenate(rows)[order]
+                out[name] = np.concatenate(pad_alike(rows))[order]
         return out | marks
 
     def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
@@ -248,6 +250,16 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
     if len({one.settings.get("shape") for one in media}) > 1:
         what = "the spectra of arrays of several shapes do not fit into one array"
         raise InputError(message(what, "Their wave vectors differ", "Make a scene of each shape"))
+
+
+def pad_alike(arrays: Sequence[Array]) -> list[Array]:
+    """Return arrays with as many columns each as the widest has; what one lacks is nan."""
+    most = max(one.shape[-1] if one.ndim > 1 else 0 for one in arrays)
+    return [
+        np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, most - one.shape[-1])], constant_values=np.nan)
+        if one.ndim > 1 and one.shape[-1] < most else one
+        for one in arrays
+    ]  # fmt: skip
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
@@ -312,7 +324,7 @@ class MediumTask:
         """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
         samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        asked = replace(self.asked, path=None, direction=None)  # neither is asked for of a sample
+        asked = replace(self.asked, path=None, direction=None, surface=None)  # none is asked for of a sample
         return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -369,11 +381,21 @@ class MediumTask:
         out |= find_all(analysis, ("exponent",), swept=True) if asked.exponents else {}
         notes += warn_of_missing_error(out)
         found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
-        if (way := asked.find_path(self.serving.packing.structure)) is not None:
-            # the frequencies that phonopy gives, but from C(q), which needs no force constants. In the paper's limit one
-            # dispersion relation serves all loads, unless the torsion is that of a Hertz contact
-            loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
-            lattices = [one.contact_lattice() for one in (loads[:1] if state.has_one_lattice else loads)]
+        # in the paper's limit one dispersion relation serves all loads, unless the torsion is that of a Hertz contact
+        way = asked.find_path(self.serving.packing.structure)
+        many = not state.is_single and (asked.surface is not None or way is not None)
+        loads = [state[i] for i in range(len(state.force))] if many else [state]
+        different = loads[:1] if state.has_one_lattice else loads
+        if asked.surface is not None and state.n_samples:
+            notes.append("waves of an edge are left out: those of a simulated array are not known")
+        elif asked.surface is not None:
+            from granphon.phonons.surfaces import observe_surface  # imported here: other runs do not need it
+
+            of = asked.surface
+            found |= observe_surface(loads, different, of.axis, of.edge, of.points)
+        if way is not None:
+            # the frequencies that phonopy gives, but from C(q), which needs no force constants
+            lattices = [one.contact_lattice() for one in different]
             paths = [one.wavevectors(way[0].reshape(-1, 3)) for one in lattices]
             rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
             hertz = np.array([one.scales.frequency for one in loads])

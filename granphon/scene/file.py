@@ -36,6 +36,7 @@ from granphon.waves.settings import (
     POLARISATIONS,
     PulseSettings,
     SpectrumSettings,
+    SurfaceSettings,
     wave_rules,
     write_setting,
 )
@@ -71,7 +72,7 @@ def _load(kind: str, words: str) -> Field:
 
 
 def _wave(key: str, words: str, default: str) -> Field:
-    """Return a field of the blocks about waves in a simulated array."""
+    """Return a field of the blocks about waves in a simulated array, or at an edge."""
     name, own = key.split(".")
     read = wave_rules(name)[own]
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
@@ -197,6 +198,9 @@ FIELDS: tuple[Field, ...] = (
     _wave("pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"),
     _wave("pulse.ends", "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways", "`free`"),
     _wave("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
+    _wave("surface.axis", "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`", NEEDED),
+    _wave("surface.edge", "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)", "`free`"),
+    _wave("surface.points", "wave vectors between two corners of the path along the edge", "`31`"),
     Field(
         "phonopy.dim", "dim", rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
         "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
@@ -353,7 +357,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
                 place = ("crystal", step)
         raise document.error(place, str(error)) from None
     at = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
-    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], *_WAVES)  # waves through simulated arrays are those of packings
+    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")  # arrays are those of packings
     rest = {name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in unused}
     others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(others, rest, ("load",)) | {"packing": finite | {"arrangement": arrangement}}
@@ -419,8 +423,8 @@ def _find_lattice(data: Any) -> Lattice:
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: what an option of a medium may be that turns out to be wrong when it is carried out
 _ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
-#: the blocks of a scene file about waves in a simulated array, with their classes
-_WAVES = {"spectrum": SpectrumSettings, "pulse": PulseSettings}
+#: the blocks of a scene file about waves, with their classes
+_WAVES = {"surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings}
 
 
 @dataclass(frozen=True)

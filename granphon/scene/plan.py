@@ -17,6 +17,7 @@ import numpy as np
 
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
@@ -37,7 +38,7 @@ from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
-from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, WaveSettings
+from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, SurfaceSettings, WaveSettings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -152,6 +153,7 @@ class Plan:
     band_points: int = 101
     mesh: tuple[int, ...] = ()  # the default of the lattice
     dim: tuple[int, ...] | None = None
+    surface: SurfaceSettings | None = None
     spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
     source: Path | None = field(default=None, compare=False)
@@ -253,6 +255,9 @@ class Plan:
         if "pulse" in seen and pulse is not None:
             told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
             rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
+        if self.surface is not None and "surface" in seen:
+            axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
+            rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
 
@@ -312,7 +317,8 @@ class Plan:
         path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
-            sound=sound or not {"bands", "dos"} & set(self.observe), alone=self.is_single,
+            surface=self.surface if "surface" in self.observe else None,
+            sound=sound or not {"bands", "dos", "surface"} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 
@@ -588,6 +594,18 @@ class Plan:
             raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
         if "gaps" in self.observe and not self.is_single:
             raise Refused("'gaps' of several states", "gaps of one state", "Observe bands.", ("observe",))
+        if "surface" in self.observe:
+            if self.surface is None:
+                mend = "Add a block such as surface: {axis: 1}."
+                raise Refused("'surface' without an axis", "surface with a block 'surface'", mend, ("observe",))
+            if any(one.name == "simulation" for one in self.media):
+                mend = "An array has no edge of its own: take another medium."
+                raise Refused("'surface' of a simulation", "surface of a lattice or crystal", mend, ("observe",))
+            if changing := [name for name in dict(self.parameters) if name in ("lattice", "motions")]:
+                mend = "Make a scene of each."
+                raise Refused(f"'surface' with a sweep over {changing[0]}", "surface of one lattice", mend, ("observe",))
+            with rules.refusing(self.surface.axis, "an axis across which the balls repeat", "surface", "axis"):
+                Layers.across(self.surface.axis, structure.vectors)
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
         names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
         try:

@@ -20,7 +20,7 @@ from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
-from granphon.balls.layers import EDGES
+from granphon.balls.layers import EDGES, read_axis
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
@@ -63,7 +63,7 @@ from granphon.media.crystal import STRUCTURES
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "gaps", "dos", "spectrum", "pulse")
+OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse")
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 
@@ -566,24 +566,12 @@ def _read_counts(value: Any, what: str, high: int, low: int = 1) -> tuple[int, .
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
     rules: dict[str, Rule] = {
-        "axis": _read_layers_axis,
+        "axis": read_axis,
         "layers": partial(whole, low=1, high=1_000_000),
         "edges": _read_edges,
     }
     given = block(value, rules, ("axis", "layers"))
     return given["axis"], given["layers"], given.get("edges", ("free", "free"))
-
-
-def _read_layers_axis(value: Any) -> Any:
-    """Read the number of a vector of the cell, or Miller indices."""
-    if is_whole(value):
-        return whole(value, 0, 2)
-    words = value
-    if isinstance(value, str):
-        words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
-    if not isinstance(words, list | tuple):
-        raise Refused(show(value), "the number of a vector of the cell, 0 to 2, or Miller indices, as 1 1 0")
-    return each(words, partial(whole, low=-100, high=100), "Miller indices")
 
 
 def _read_edges(value: Any) -> tuple[str, str]:

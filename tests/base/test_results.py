@@ -19,9 +19,8 @@ from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
 from granphon.dynamics.contact_lattice import Modes
 from granphon.media.sampled_state import SampledState
-from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
-from granphon.observables.velocities import AveragedModuli, Moduli, SoundVelocities
+from granphon.observables.velocities import AveragedModuli, Moduli, PulseVelocities, SoundVelocities
 from granphon.waves.chebyshev import Refinable
 
 
