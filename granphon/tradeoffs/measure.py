@@ -37,8 +37,7 @@ from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
-from granphon.tradeoffs.ensemble import QUANTITIES
-from granphon.tradeoffs.study import SECONDS, Deadline, MediaStudy, Point, Reference, Stopwatch
+from granphon.tradeoffs.study import QUANTITIES, SECONDS, Deadline, MediaStudy, Point, Reference, Stopwatch
 
 Array = NDArray[np.float64]
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
@@ -360,7 +359,7 @@ class _StudyTask:
         def require_time(seconds: float) -> None:
             """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end by the deadline."""
             if (self.runs + _MORE_RUNS) * seconds > halfway.left:
-                about = write_quantity(float(f"{seconds:.2g}"), "s") if 1e-3 < seconds < math.inf else ""
+                about = write_quantity(seconds, "s", 2) if 1e-3 < seconds < math.inf else ""
                 raise _BudgetError("not run, beyond the budget" + (f": {self.runs} runs of about {about}" if about else ""))
 
         with self.progress.step(study.name, len(points)) as step:
