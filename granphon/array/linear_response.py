@@ -52,8 +52,8 @@ _PATIENCE = 4
 #: factors take less time than iterations without, by trial (8^3 cells in fcc: twice as long near the threshold, a tenth of it
 #: where all contacts carry)
 _MOST_AT_ONCE = (2700, 2200)
-#: largest number of balls whose matrix is factorised where iterations without factors do not come to an end. In space the time
-#: grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
+#: largest number of balls whose matrix is factorised where iterations without factors do not come to an end. In space the
+#: time grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
 _MOST_BALLS = (2**14, 2**11)
 #: regularisation added to the diagonal, over the mean stiffness: it fixes zero modes such as balls that turn against each
 #: other like gears, which what is left of torques, rounding among it, would turn without limit
