@@ -49,8 +49,8 @@ _RESPONSE = 1e-7
 #: cycles of GMRES after which the matrix is factorised
 _PATIENCE = 4
 #: largest number of contacts that carry load, in a plane and in space, of an array whose matrix is factorised at once: where
-#: factors take less time than iterations without, by trial (8^3 cells in fcc: twice as long near the threshold, a tenth of it
-#: where all contacts carry)
+#: factors take less time than iterations without, by trial (8^3 cells in fcc: about as long near the threshold, ten times
+#: as long where all contacts carry)
 _MOST_AT_ONCE = (2700, 2200)
 #: largest number of balls whose matrix is factorised where iterations without factors do not come to an end. In space the
 #: time grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
