@@ -138,6 +138,11 @@ class Lattice:
         return len(self.cell)
 
     @property
+    def reach(self) -> float:
+        """Length of the longest contact, in units of the spacing of touching balls."""
+        return 1.0
+
+    @property
     def pressed_axes(self) -> int:
         """Number of axes along which a pressure acts: the periods."""
         return self.periods

@@ -38,10 +38,9 @@ def write_preset(
       granphon init
       granphon init beads.yaml --preset glass
     """
-    from importlib.resources import files
-
     from granphon.base.staging import ResultFiles, write_text
     from granphon.base.text import closest
+    from granphon.scene import file
 
     if preset not in PRESETS:
         meant = closest(preset, PRESETS)
@@ -52,7 +51,7 @@ def write_preset(
             )
         )
     require_name("PATH", path)
-    texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
+    texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
     with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
         write_text(target, texts[preset])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -271,12 +271,10 @@ def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, s
 
 
 def _require_one_packing(what: str, scene: str, read: Scene) -> Packing:
-    from granphon.balls.packing import Packing
-
-    if not isinstance(read.packing, Packing):
+    if read.packing.kind_names:
         mend = "Describe balls of one kind by the blocks material and packing"
         raise InputError(message(f"{scene} has balls of several kinds", f"{what} is for one packing", mend))
     if read.parameters:
         swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
         raise InputError(message(swept, f"{what} is for one packing", "Leave the block 'sweep' out"))
-    return read.packing
+    return cast("Packing", read.packing)

@@ -104,7 +104,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         size += f", with the components {', '.join(f'{one:g}' for one in load.tensor)} in this unit"
     count = len(load.values)
     loads = f"{counted(count, kind, {'stress': 'stresses'}.get(kind, '')) + ',' if count > 1 else kind} {size}"
-    rows = _describe_packing(scene, loads) if hasattr(packing, "material") else _describe_crystal(scene, loads)
+    rows = (_describe_crystal if packing.kind_names else _describe_packing)(scene, loads)
     if scene.is_single and scene.serving.chosen_automatically:
         serving = scene.serving
         error = float(serving.errors[0])

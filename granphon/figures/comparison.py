@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import add_legend
+from granphon.figures.scales import add_legend, styled_figure
 
 import matplotlib
 import numpy as np
@@ -28,20 +28,19 @@ from granphon.base.scales import HertzPrefix
 from granphon.base.text import closest
 from granphon.figures.curves import (
     MOST_LOOKS,
-    POINTS,
     Curve,
     describe_lines,
     draw_curve,
     find_load,
     label_axes,
-    list_parameters,
+    list_quantities,
+    make_handle,
     make_looks,
-    make_outside,
-    make_serving,
+    make_remarks,
     read_curve,
 )
 from granphon.figures.fits import write_width
-from granphon.figures.style import COLUMN_WIDTH, DPI, STYLE, print_hertz
+from granphon.figures.style import STYLE, print_hertz
 from granphon.figures.words import find_differing, join_facts, write_value
 from granphon.figures.zones import name_corners
 from granphon.fits.fit import WidthFit
@@ -133,8 +132,7 @@ def _find_length(handles: Sequence[Line2D]) -> float | None:
 
 def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any) -> Figure:
     """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, _HEIGHT), dpi=DPI, layout="constrained")
+    with styled_figure(_HEIGHT) as figure:
         handles, common = _draw(results, figure.subplots(), **options)
         if not legend:
             return figure
@@ -254,14 +252,7 @@ class Run:
     @property
     def quantities(self) -> tuple[str, ...]:
         """Names of the quantities that are one number at each load."""
-        if self.dataset is None:
-            return ()
-        dims = {"load", "medium", *list_parameters(self.dataset)}
-        return tuple(
-            str(name)
-            for name, values in self.dataset.variables.items()
-            if "load" in values.dims and set(values.dims) <= dims and values.dtype.kind in "fiu"
-        )
+        return () if self.dataset is None else list_quantities(self.dataset)
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
@@ -436,9 +427,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
-        shown = {"marker": look.marker} | POINTS if curve.as_points and not curve.served else line
-        groups.setdefault(heading, []).append(Line2D([], [], color=look.colour, label=label, **shown))
+        groups.setdefault(heading, []).append(make_handle(look, label, curve.as_points and not curve.served))
     handles = groups.pop("")
     headed = [one for text, group in groups.items() for one in (Line2D([], [], linestyle="none", label=text), *group)]
     for n, curve in enumerate(points):
@@ -448,9 +437,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         error = None if np.all(np.isnan(curve.error)) else curve.error
         ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style)
         handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
-    if not all(np.all(curve.valid) for curve in models):
-        handles.append(make_outside(all(curve.as_points for curve in models)))
-    handles += make_serving(models) + headed
+    handles += make_remarks(models) + headed
     label_axes(ax, [*models, *points], x, y)
     return handles, common
 

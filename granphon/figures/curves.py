@@ -6,7 +6,7 @@ A data set of a sweep has a curve for each medium, combination of parameters and
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +22,8 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import FigureError, InputError, message
 from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
-from granphon.figures.style import COLOURS, readable_unit
+from granphon.figures.style import COLOURS
 from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
-from granphon.media.arrangement import Arrangement
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import axis_label
@@ -176,17 +175,22 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
         name_axis(ax, which, values, axis_label(name, ""), unit)
 
 
-def make_outside(points: bool) -> Line2D:
-    """Return the entry of the legend for loads at which a medium is not valid."""
-    hollow: dict[str, Any] = {"marker": "o"} | POINTS | _HOLLOW
-    return Line2D([], [], color="0.3", label="outside its range", **(hollow if points else _OUTSIDE))
+def make_handle(look: Look, label: str, points: bool) -> Line2D:
+    """Return the entry of the legend for a curve with a look, as points or as a line."""
+    line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
+    return Line2D([], [], color=look.colour, label=label, **({"marker": look.marker} | POINTS if points else line))
 
 
-def make_serving(curves: Iterable[Curve]) -> list[Line2D]:
-    """Return the entries of the legend for the media that automatic ones chose."""
-    names = dict.fromkeys(one.partition("(")[0] for curve in curves for one in curve.served)
-    style: dict[str, Any] = {"color": "0.3", "markersize": _SERVING_SIZE, "linestyle": "none"}
-    return [
+def make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
+    """Return the last entries of a legend: loads at which a medium is not valid, and media that automatic ones chose."""
+    handles, grey = list[Line2D](), dict[str, Any](color="0.3")
+    if not all(np.all(curve.valid) for curve in curves):
+        points: dict[str, Any] = {"marker": "o"} | POINTS | _HOLLOW
+        look = points if all(curve.as_points for curve in curves) else _OUTSIDE
+        handles.append(Line2D([], [], label="outside its range", **grey, **look))
+    names = {one.partition("(")[0] for curve in curves for one in curve.served}
+    style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
+    return handles + [
         Line2D([], [], marker=_SERVING.get(name, "o"), label=f"{MEDIA.get(name, name)} served", **style)
         for name in sorted(names, key=list(MEDIA).index)
     ]
@@ -198,11 +202,6 @@ def make_serving(curves: Iterable[Curve]) -> list[Line2D]:
 def find_load(dataset: Dataset) -> str:
     """Return the name of the load that was given: a coordinate along the loads."""
     return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
-
-
-def is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
-    """Return whether the medium at ``index`` is a simulation, by its label."""
-    return _name_medium(dataset, index) == DirectSimulation.name
 
 
 def drop_directions(dataset: Dataset, variable: str) -> Dataset:
@@ -217,8 +216,7 @@ def read_values(dataset: Dataset, name: str) -> Any:
         known = ", ".join(map(str, dataset.data_vars))
         raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
     values = dataset[name]
-    extra = set(values.dims) - {"load", "medium", *list_parameters(dataset)}
-    if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
+    if name not in list_quantities(dataset, "fiub"):
         raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
     if not np.any(np.isfinite(values)):
         raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
@@ -231,10 +229,14 @@ def read_values(dataset: Dataset, name: str) -> Any:
     return values
 
 
-def pick_evenly(count: int, most: int) -> list[int]:
-    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
-    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
-    return chosen
+def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
+    """Return the names of the variables that are one number, of these ``kinds`` of dtype, at each load."""
+    dims = {"load", "medium", *list_parameters(dataset)}
+    return tuple(
+        str(name)
+        for name, values in dataset.variables.items()
+        if "load" in values.dims and set(values.dims) <= dims and values.dtype.kind in kinds
+    )
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
@@ -243,30 +245,10 @@ def list_parameters(dataset: Dataset) -> list[str]:
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
-def list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
-    """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
-    names = list_parameters(dataset)
-    words = {name: [f"{name.replace('_', ' ')} {label}" for label in write_labels(dataset, name)] for name in names}
-    several = [name for name in names if dataset.sizes[name] > 1]
-    places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
-    return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
-
-
-def write_labels(dataset: Dataset, name: str) -> list[str]:
-    """Return the names of the values of a dimension in a legend."""
-    values = np.atleast_1d(dataset[name].values).tolist()
-    if name == "medium":
-        return _write_media(dataset)
-    if not all(isinstance(value, float) for value in values):
-        return [str(value) for value in values]
-    number, unit = readable_unit(max(map(abs, values)), dataset[name].attrs.get("units", ""))
-    return [f"{value / number:.4g} {unit}".rstrip() for value in values]
-
-
 def read_packing(dataset: Dataset) -> Packing | None:
     """Return the packing whose parameters a sweep varies; None if the data set does not tell it, as of a crystal."""
     told = json.loads(dataset.attrs.get("packing", "null"))
-    if told is None or told.get("class") == Arrangement.__name__:
+    if told is None or "kinds" in told:
         return None
     found: Packing = restore(told, Packing, "the packing of the sweep")
     return found
@@ -286,7 +268,9 @@ def read_curve(
     if _name_medium(dataset, index) == AutoMedium.name and "choice" in dataset:
         served = tuple(map(str, take(dataset["choice"]).tolist()))
     horizontal = take(across).astype(float)
-    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served] or is_simulated(dataset, index)
+    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served] or (
+        _name_medium(dataset, index) == DirectSimulation.name
+    )
     simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
     options: dict[str, Any] = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
@@ -303,7 +287,7 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     finite = list_finite_overlap(dataset)
     base = {} if packing is None else list_facts(packing)
     told = json.loads(dataset.attrs.get("packing", "{}"))
-    if told.get("class") == Arrangement.__name__:
+    if "kinds" in told:
         base["lattice"] = (
             f"{told['lattice'] or 'crystal'} of {' '.join(told['order'] or [name for name, _ in told['kinds']])}"
         )

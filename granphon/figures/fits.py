@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from granphon.figures.scales import scale_axis
+from granphon.figures.scales import scale_axis, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from granphon.figures.style import COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, readable_unit
+from granphon.figures.style import GUIDE, VERMILION, readable_unit
 from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import WidthFit
 from granphon.observables.catalogue import axis_label
@@ -65,8 +64,7 @@ def write_width(fit: WidthFit) -> str:
 
 def fit_figure(fit: WidthFit) -> Figure:
     """Draw a figure of a fit above its residuals, see :func:`plot_fit`; one column wide."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, 3.6), dpi=DPI, layout="constrained")
+    with styled_figure(3.6) as figure:
         axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])
         plot_fit(fit, axes[0], axes[1])
         handles, labels = axes[0].get_legend_handles_labels()

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES, add_title
+from granphon.figures.scales import FORCES, add_title, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -25,8 +24,6 @@ from granphon.base.text import counted
 from granphon.base.validation import finite_array
 from granphon.figures.style import (
     BLUE,
-    COLUMN_WIDTH,
-    DPI,
     GUIDE,
     PAGE_WIDTH,
     STYLE,
@@ -114,12 +111,10 @@ def plot_forces(
         show = "window" if window is not None else "all" if small else "density"
     edges = layer.edges if show != "window" else _choose_window(layer, window)
     if ax is None:
-        with matplotlib.rc_context(STYLE):
-            height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
-            height += _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))
-            figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
-            return plot_forces(sample, figure.subplots(), show=show, window=window)
-    figure = ax.get_figure()
+        height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
+        with styled_figure(height + _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))) as new:
+            return plot_forces(sample, new.subplots(), show=show, window=window)
+    figure: Any = ax.get_figure()
     drawn: LineCollection | QuadMesh
     left, bottom, right, top = edges
     means = ""
@@ -156,15 +151,6 @@ def plot_forces(
         else:
             _name_unit(bar.xaxis, "Contact force", bar.get_xlim()[1], "N", means)
     return ax
-
-
-def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequence[float] | None = None) -> Figure:
-    """Draw a figure of the balls, contacts and forces of a network, one column wide; see :func:`plot_forces`.
-
-    ``window`` is in m.
-    """
-    figure: Any = plot_forces(network, show=show, window=window).get_figure()
-    return figure  # type: ignore[no-any-return]
 
 
 def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, ...]:
@@ -411,9 +397,7 @@ def forces_figure(state: ContactState) -> Figure:
     sample = state.samples[0]
     layer = _find_layer(sample)
     large = float(np.max(layer.size)) > _MOST_DIAMETERS
-    with matplotlib.rc_context(STYLE):
-        height = _LARGE_HEIGHT if large else layer.height
-        figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
+    with styled_figure(_LARGE_HEIGHT if large else layer.height, PAGE_WIDTH) as figure:
         *arrays, last = figure.subplots(1, 2 + large)
         if large:
             edges = _choose_window(layer, None)

@@ -164,19 +164,32 @@ class Picture(Figure):
         return stream.getvalue(), {"width": width, "height": height}
 
 
+@contextmanager
+def styled_figure(height: float, width: float = COLUMN_WIDTH, dpi: float = DPI) -> Iterator[Figure]:
+    """Make an empty figure of this size, inches, in the style that holds within the block."""
+    with matplotlib.rc_context(STYLE):
+        yield Figure((width, height), dpi=dpi, layout="constrained")
+
+
 def draw_alone(plot: Callable[[Axes], Any], height: float) -> Figure:
     """Return a figure of one panel, one column wide and ``height`` inches high, on which ``plot`` has drawn."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
+    with styled_figure(height) as figure:
         plot(figure.subplots())
     return figure
 
 
-def add_part_bar(figure: Any, axes: Any, colours: Colormap, label: str) -> None:
-    """Draw above axes the colour bar of a part, which goes from 0 to 1."""
-    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), colours), ax=axes, location="top", aspect=40, pad=0.02)
-    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
+    """Draw above an Axes the colour bar of what is drawn there, and return it."""
+    figure: Any = ax.get_figure()
+    bar = figure.colorbar(drawn, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(label)
+    return bar
+
+
+def add_part_bar(ax: Axes, colours: Colormap, label: str) -> None:
+    """Draw above an Axes the colour bar of a part, which goes from 0 to 1."""
+    bar = add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label)
+    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
 
 
 def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6) -> None:

@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from granphon.base.errors import FigureError, GranphonError, message
 from granphon.base.scales import HertzPrefix, prefixed
 
@@ -78,6 +80,12 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
     names = list(dict.fromkeys(kinds))
     colours = (*KIND_COLOURS, *(OTHER_KINDS for _ in names))
     return dict(zip(names, colours, strict=False)) if len(names) > 1 else {}
+
+
+def pick_evenly(count: int, most: int) -> list[int]:
+    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
+    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+    return chosen
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:

@@ -10,9 +10,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import add_legend, scale_axis
+from granphon.figures.scales import add_legend, scale_axis, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
@@ -20,23 +19,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from granphon.figures.curves import (
-    POINTS,
+    Curve,
     Look,
+    describe_lines,
     draw_curve,
-    drop_directions,
     find_load,
-    is_simulated,
     label_axes,
-    list_combinations,
-    make_outside,
-    make_serving,
-    pick_evenly,
+    make_handle,
+    make_remarks,
     read_curve,
     read_values,
-    write_labels,
-)  # fmt: skip
-from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
-from granphon.figures.words import join_facts
+)
+from granphon.figures.style import COLOURS, GUIDE, pick_evenly
+from granphon.figures.words import find_differing, join_facts
 from granphon.observables.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
@@ -83,29 +78,43 @@ def plot_sweep(
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
-    x = x or find_load(dataset)
-    lines, curves = _colour_lines(dataset), []
-    dashes, marker = _SLOW_DASHES if variable == _SLOW else None, _MARKERS.get(variable, "o")
-    for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
-        if not index.get("direction") or "direction" in read_values(dataset, variable).dims:
-            curves.append(read_curve(dataset, variable, x, index))
-            draw_curve(ax, curves[-1], Look(colour, width, dashes, marker), variable)
-        # else it is the same in all directions, and the line of the first one shows it
-    label_axes(ax, curves, x, variable)
+    _, handles = _draw(dataset, ax, variable, x)
     if legend:
-        ax.legend(handles=_make_legend(dataset))
+        ax.legend(handles=handles)
     return ax
 
 
-def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
-    """Return the colour of each line, and its index in each dimension besides the load."""
-    places = [place for _, place in list_combinations(dataset)]
-    colours = [COLOURS[m % len(COLOURS)] for m in range(dataset.sizes["medium"])]
-    return [
-        (shade, place | {"medium": m})
-        for m, colour in enumerate(colours)
-        for shade, place in zip(_make_shades(colour, len(places)), places, strict=True)
-    ]
+def _draw(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
+    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend.
+
+    These are the media, combinations of parameters, grey if there are several media, and what holds for all curves.
+    """
+    x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
+    read_values(dataset, variable)
+    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1]["medium"])
+    curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
+    count = len(lines) // dataset.sizes["medium"]
+    groups = [curves[n : n + count] for n in range(0, len(curves), count)]
+    media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
+    shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
+    dashes, marker = _SLOW_DASHES if variable == _SLOW else None, _MARKERS.get(variable, "o")
+    for curve, shade, width in zip(curves, shades, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
+        draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
+    label_axes(ax, curves, x, variable)
+    simulated = [all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups]
+    several, handles = len(media) > 1, list[Line2D]()
+    if several or count == 1:
+        named = zip(media, simulated, strict=True)
+        handles = [make_handle(look, group[0].facts["medium"], points) for (look, group), points in named]
+    if count > 1:
+        kinds, _ = find_differing([curve.facts for curve in groups[0]])
+        grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, _MOST_NAMED)
+        for n in chosen:
+            words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
+            handles.append(make_handle(Look(grey[n], 1.5), words, all(simulated)))
+        if len(chosen) < count:
+            handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named"))
+    return curves, handles + make_remarks(curves)
 
 
 def _make_shades(name: str, count: int) -> list[Any]:
@@ -115,38 +124,13 @@ def _make_shades(name: str, count: int) -> list[Any]:
     return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
 
 
-def _make_legend(dataset: Dataset) -> list[Line2D]:
-    """Return the entries of the legend: media, combinations of parameters, and the dashes of lines outside their range.
-
-    Combinations are grey if there are several media. At most eight are named, and the last entry then says of how many.
-    """
-    media = list(zip(itertools.cycle(COLOURS), write_labels(dataset, "medium"), strict=False))
-    words = [word for word, _ in list_combinations(dataset)]
-    values: list[tuple[Any, str]] = []
-    if len(words) > 1:
-        shades = _make_shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
-        values = [(shades[i], words[i]) for i in pick_evenly(len(words), _MOST_NAMED)]
-    simulated = [is_simulated(dataset, {"medium": m}) for m in range(len(media))]
-    point: dict[str, Any] = {"marker": "o"} | POINTS
-    entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
-    entries += [(value, all(simulated)) for value in values]
-    lines = [Line2D([], [], color=colour, label=label, **(point if points else {})) for (colour, label), points in entries]
-    if len(values) < len(words) > 1:
-        lines.append(Line2D([], [], linestyle="none", label=f"{len(values)} of {len(words)} are named"))
-    if not np.all(dataset["valid"]):
-        lines.append(make_outside(all(simulated)))
-    chosen = [read_curve(dataset, "valid", find_load(dataset), index) for _, index in _colour_lines(dataset)]
-    lines += make_serving(chosen)
-    return lines
-
-
 def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
 
     The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
     their standard errors. ``x`` is that of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
-    plot_sweep(drop_directions(dataset, "exponent"), ax, "exponent", x, legend=False)
+    plot_sweep(dataset, ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
     for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
         ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
@@ -172,36 +156,31 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     """
     both = variable is None and "exponent" in dataset
     velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
-    if variable is not None or not velocities:
-        dataset = drop_directions(dataset, variable or "normal_stiffness")
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, 4.0 if both else 2.6), dpi=DPI, layout="constrained")
+    velocities = {} if variable else velocities
+    shown = list(velocities) or [variable or "normal_stiffness"]
+    with styled_figure(4.0 if both else 2.6) as figure:
         ratios = [1.6, 1.0][: 1 + both]
         axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
-        if variable is not None or not velocities:
-            plot_sweep(dataset, axes[0], variable or "normal_stiffness", x, legend=False)
-        else:
-            _plot_velocities(dataset, axes[0], x, velocities)
+        every = [_draw(dataset, axes[0], one, x) for one in shown]
+        # of velocities some may be the same in all directions, which the legend of the others names
+        curves, handles = max(every, key=lambda one: len(one[1]))
+        if velocities:
+            _name_velocities(axes[0], {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)})
         if both:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
-        handles, media = _make_legend(dataset), write_labels(dataset, "medium")
-        points = all(is_simulated(dataset, {"medium": m}) for m in range(dataset.sizes["medium"]))
-        # what tells the slow transverse wave from the fast one
-        for name in (_SLOW, "transverse_fast") if variable is None and _SLOW in velocities else ():
-            style: dict[str, Any] = {"linewidth": 1.2} | ({"dashes": _SLOW_DASHES} if name == _SLOW else {})
-            style = {"marker": _MARKERS[name]} | POINTS if points else style
-            handles.append(Line2D([], [], color="0.3", label=_VELOCITIES[name], **style))
-        if variable is None and _PULSE in velocities:
-            label = _VELOCITIES[_PULSE]
-            handles.append(Line2D([], [], color="0.3", marker=_MARKERS[_PULSE], label=label, **POINTS))
-        alone = len(media) == 1 and handles[0].get_label() != media[0]
+        medium, points = curves[0].facts["medium"], all(np.all(curve.simulated) and not curve.served for curve in curves)
+        # what tells the slow transverse wave from the fast one, and the marks of pulses
+        for name in [one for one in _MARKERS if one in velocities and (one == _PULSE or _SLOW in velocities)]:
+            look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _MARKERS[name])
+            handles.append(make_handle(look, _VELOCITIES[name], points or name == _PULSE))
+        alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
         # in lines for which a column has room
         title, *labels = (
             label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
-            for label in (media[0], *(str(handle.get_label()) for handle in handles))
+            for label in (medium, *(str(handle.get_label()) for handle in handles))
         )
         for handle, label in zip(handles, labels, strict=True):
             handle.set_label(label)
@@ -209,20 +188,17 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     return figure
 
 
-def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str, str]) -> None:
-    """Draw the velocities ``drawn``, with their symbols beside the ends of the lines, one text where these are close."""
-    ends: dict[str, float] = {}
-    for variable, name in drawn.items():
-        plot_sweep(dataset, ax, variable, x, legend=False)
-        if variable == _PULSE:
-            continue  # the legend names its marks, which are often near those of long waves
-        # at the right end of each line: a path may turn, and end anywhere
-        lines = [np.asarray(line.get_xydata()) for line in ax.lines if line.get_gid() == f"{variable}-all"]
-        right = [float(line[np.argmax(line[:, 0]), 1]) for line in lines]
-        if known := [value for value in right if np.isfinite(value)]:
-            ends[name] = max(known)
-    scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in drawn]))
+def _name_velocities(ax: Axes, drawn: dict[str, list[Curve]]) -> None:
+    """Write the symbols of velocities beside the right ends of their curves, one text where these are close."""
+    curves = [curve for group in drawn.values() for curve in group]
+    scale_axis(ax, "y", np.concatenate([curve.y for curve in curves]))
     ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
+    ends: dict[str, float] = {}
+    for name, group in drawn.items():
+        # a path may turn, and end anywhere
+        right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
+        if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
+            ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
     to_axes, last = ax.transData - ax.transAxes, -np.inf
     together: dict[float, list[str]] = {}
     for name, value in sorted(ends.items(), key=lambda item: item[1]):

@@ -10,15 +10,14 @@ import math
 import textwrap
 from typing import Any
 
-from granphon.figures.scales import scale_axis, widen_axis
+from granphon.figures.scales import scale_axis, styled_figure, widen_axis
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from granphon.base.errors import InputError, message
-from granphon.figures.style import BLUE, DPI, GREEN, ORANGE, PURPLE, STYLE, VERMILION
+from granphon.figures.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 #: colour and marker of each method: told apart by every eye, and in grey by the marker
@@ -139,8 +138,7 @@ def tradeoff_figure(result: TradeOff) -> Figure:
     studies = result.studies
     columns = min(_COLUMNS, len(studies))
     rows = -(-len(studies) // columns)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.5 * columns, 3.3 * rows), dpi=DPI, layout="constrained")
+    with styled_figure(3.3 * rows, 3.5 * columns) as figure:
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for ax, study in zip(axes, studies, strict=False):
             plot_work_precision(result, study, ax)

@@ -47,8 +47,14 @@ class CrystalCell(Lattice):
         places[:, :p] = places[:, :p] @ np.linalg.inv(crystal.cell[:, :p])
         places[:, p:] /= diameter
         cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (crystal.cell / diameter, places)))
-        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces))
+        reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
+        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces), _reach=reach)
         return cell
+
+    @property
+    def reach(self) -> float:
+        """Length of the longest contact, in mean diameters."""
+        return float(self.__dict__["_reach"])
 
     @property
     def pressed_axes(self) -> int:
@@ -153,6 +159,16 @@ class Arrangement:
     # -- what a packing has too -------------------------------------------------------------------------------------------
 
     @property
+    def kind_names(self) -> tuple[str, ...]:
+        """Names of the kinds of which there are balls."""
+        return self.crystal.names
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls."""
+        return self.crystal.is_held
+
+    @property
     def diameter(self) -> float:
         """Mean diameter, m."""
         return 2.0 * float(np.mean(self.crystal.radii))
@@ -206,8 +222,8 @@ class Arrangement:
         balls = dict(self.kinds)
         for name, value in values.items():
             kind, _, own = name.rpartition(".")
-            if kind not in balls or own not in KIND_PARAMETERS:
-                allowed = ", ".join(f"{one}.{parameter}" for one in balls for parameter in KIND_PARAMETERS)
+            if kind not in self.kind_names or own not in KIND_PARAMETERS:
+                allowed = ", ".join(f"{one}.{parameter}" for one in self.kind_names for parameter in KIND_PARAMETERS)
                 raise InputError(message(f"the crystal has no parameter {name!r}", f"It has {allowed}", "Use one of these"))
             ball = balls[kind]
             solid = math.isclose(ball.mass, ball.material.ball_mass(ball.diameter), rel_tol=1e-12)
@@ -222,6 +238,13 @@ class Arrangement:
 
 #: what a scene, a sweep or a task is about
 Balls = Packing | Arrangement
+
+
+def given_balls(packing: Any) -> Balls:
+    """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a crystal."""
+    if isinstance(packing, Crystal):
+        return Arrangement.of(packing)
+    return packing if isinstance(packing, Arrangement) else given_packing(packing)
 
 
 class LoadedCrystal(NetworkStates):
@@ -318,15 +341,15 @@ class CrystalMedium(MediumBase[Any]):
     packing: Any
 
     def __init__(self, packing: Any) -> None:
-        if not isinstance(packing, Arrangement):
-            what, why = f"the balls are {given_packing(packing)!r}", "The medium crystal is that of balls of several kinds"
-            raise InputError(message(what, why, "Take ala, or give the blocks balls and crystal"))
         self.packing = packing
 
     @property
     def is_quick(self) -> bool:
         """Whether its states take less than 0.1 s."""
         return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
+
+    def require_sound(self, pushed: bool = False) -> None:
+        """Raise nothing: which contacts carry is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load."""

@@ -28,7 +28,6 @@ from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
-from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
@@ -40,7 +39,6 @@ from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,
-    Case,
     CaseTasks,
     Grid,
     drop_marks,
@@ -61,8 +59,6 @@ Array = NDArray[Any]
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
 #: costs of the observables of the waves in simulated arrays
 _OF_WAVES = ("pulse", "spectrum", "dos")
-#: a prestress f/(k a) so small that a lattice which buckles under it does so under any
-_LEAST_PUSH = 1e-30
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: name of the attribute with the sha256 digest of the numbers
@@ -127,8 +123,11 @@ class SweepRun:
     def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
         frame = make_frame(grid, bands, npoints, labels)
-        if grid.asked.sound:
-            _require_sound(grid.cases)
+        for case in grid.cases if grid.asked.sound else ():
+            try:  # an array is not the lattice, and has its own forces
+                case.medium.of(case.packing).require_sound(grid.asked.finite_overlap and not case.medium.is_exact)
+            except (MechanismError, InstabilityError) as error:
+                raise error.restate(f"{case.label}: {error}") from None
         qpoints = frame["qpoints"].values if "qpoints" in frame else None
         return cls(grid, frame, tuple(CaseTasks(case, qpoints) for case in grid.cases))
 
@@ -159,31 +158,6 @@ class SweepRun:
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
         """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
         return fill(self.frame, self.grid, self.cases, [self.cases[0].observe_alone(analysis, records)])
-
-
-def _require_sound(cases: Sequence[Case]) -> None:
-    """Raise if a lattice has no sound, before anything is computed: a mechanism, or one that buckles under any load.
-
-    Of the stiffnesses of contacts it matters only which of them there are.
-    """
-    known: set[tuple[Any, ...]] = set()
-    for case in cases:
-        packing = case.packing
-        if not isinstance(packing, Packing):  # which contacts of a crystal carry is found with its state
-            continue
-        present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
-        # an array is not the lattice, and has its own forces
-        pushed = case.asked.finite_overlap and not case.medium.is_exact
-        kind = (packing.structure, present, packing.ball_motions, pushed)
-        if kind in known:
-            continue
-        known.add(kind)
-        eta, torsion, bending = present
-        lattice = ContactLattice.of(packing.structure, eta, torsion=torsion, bending=bending, motions=packing.ball_motions)
-        try:
-            lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
-        except (MechanismError, InstabilityError) as error:
-            raise type(error)(f"{case.label}: {error}") from None
 
 
 # -- the frame, and results in it -------------------------------------------------------------------------------------

@@ -146,9 +146,8 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
     These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the parameters that are swept.
     """
     wanted = list(names)
-    if without := [one for one in media if wanted and not one.simulates]:
-        what = f"{wanted[0]} is asked for, and the medium {without[0].label!r} has no balls that it runs through"
-        raise InputError(message(what, mend="Take medium: simulation"))
+    for one in media if wanted else ():
+        one.require_arrays(wanted[0])
     if "spectrum" not in wanted:
         return
     if changing := [name for name in swept if name in ("lattice", "motions")]:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 import os
 import re
+import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,6 +42,8 @@ from granphon.waves.settings import (
     write_setting,
 )
 
+#: column at which the words of a key stand in a preset, and their width
+_WORDS_AT, _WORDS_WIDTH = 38, 80
 #: the default of a key that has none
 NEEDED = "required"
 
@@ -232,6 +236,8 @@ _CRYSTAL_BLOCKS = ("balls", "crystal")
 #: what a block "load" must hold, in words for messages; and that of a crystal
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 _ONE_LOAD_OF_CRYSTAL = "exactly one of force, pressure, overlap, stress, strain; with gravity none of them is needed"
+#: what a preset says of whole blocks
+_BLOCK_WORDS = {"load": "one of these", "phonopy": "path and meshes; this block matters to bands, dos and spectrum only"}
 
 
 # -- writing and checking -------------------------------------------------------------------------------------------
@@ -240,7 +246,7 @@ _ONE_LOAD_OF_CRYSTAL = "exactly one of force, pressure, overlap, stress, strain;
 def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
     """Return what the file of a scene holds, with every default written out, as plain data."""
     out: dict[str, Any] = {}
-    others = _CRYSTAL_BLOCKS if isinstance(scene.packing, Packing) else _NEEDED_BLOCKS[:2]
+    others = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, fields in _BLOCKS.items():
         for key, field in fields.items():
             value = scene if name not in others else None
@@ -255,6 +261,34 @@ def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
 def scene_rule(place: str, at: Context) -> Any:
     """Return the rule of the attribute ``place`` of a scene."""
     return next(field.kind.rule(at) for field in FIELDS if field.place == place)
+
+
+def write_preset(name: str) -> str:
+    """Return the text of a scene of the package, in which the words of each key stand where it comes first."""
+    text, out, block, told = (
+        (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8"),
+        list[str](),
+        "",
+        set[str](),
+    )
+    for line in text.splitlines():
+        if not line and not block:
+            out += ["#", '# A quantity is a number and its unit, as in "8 mm". What is commented out shows other choices.']
+        out.append(line)
+        if (found := re.match(r"( *)(?:# )?(\w+):", line)) is None:
+            continue
+        block = block if found[1] else found[2]
+        # kinds of balls have keys of the blocks material and packing
+        fields = [_BLOCKS.get(name, {}).get(found[2] if found[1] else "") for name in (block, *_NEEDED_BLOCKS[:2])]
+        field = next((one for one in fields if one is not None), None)
+        words = _BLOCK_WORDS.get(line.removesuffix(":"), "") if field is None else field.words
+        if words and words not in told:
+            told.add(words)
+            plain = re.sub(r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)", "", words)
+            first, *others = textwrap.wrap(plain, _WORDS_WIDTH)
+            out[-1] = f"{line:<{_WORDS_AT}} # {first}"
+            out += [f"{'':<{_WORDS_AT}} #    {one}" for one in others]
+    return "\n".join(out) + "\n"
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -320,7 +354,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
                 Arrangement(own["balls"], **{key: value for key, value in made.items() if key not in steps[number:]})
                 place = ("crystal", step)
         raise document.error(place, str(error)) from None
-    at = Context(arrangement.structure, kinds=tuple(dict(arrangement.kinds)), folder=folder)
+    at = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
     unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], *_WAVES)  # waves through simulated arrays are those of packings
     rest = {name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in unused}
     others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}

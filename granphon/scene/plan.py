@@ -28,7 +28,7 @@ from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
 from granphon.media.arrangement import Arrangement
-from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, no_simulation
+from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_medium, no_simulation
 from granphon.media.cost import Cost
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
 
+#: what a spectrum is by default
+_SPECTRUM = SpectrumSettings()
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
 #: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
@@ -151,14 +153,13 @@ class Plan:
     band_points: int = 101
     mesh: tuple[int, ...] | None = None
     dim: tuple[int, ...] | None = None
-    spectrum: SpectrumSettings = field(default_factory=SpectrumSettings)
+    spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        kinds = tuple(dict(self.packing.kinds)) if isinstance(self.packing, Arrangement) else ()
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
         swept = dict(self.parameters).get("lattice", ())
@@ -168,9 +169,8 @@ class Plan:
         if self.mesh is None:
             object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
         if isinstance(self.media, tuple | list) and not self.media:
-            by_default = "crystal" if kinds else "ema" if self.balls_differ else "ala"
-            object.__setattr__(self, "media", by_default)
-        at = Context(lattice, written=False, kinds=kinds)
+            object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
+        at = Context(lattice, written=False, kinds=self.packing.kind_names)
         for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, require(name, scene_rule(name, at), value))
@@ -360,17 +360,18 @@ class Plan:
         with self.origin.at("sweep"):
             count_combinations(self.axes)
             few = self.few
-        place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
+        place = ("crystal",) if self.packing.kind_names else ("packing", "lattice")
+        place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else place
         left: float = QUICK_STARTS
         for one in few:
             case, packing = one.case, one.case.packing
-            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
-            with self.origin.at(*place, before=found + (case.where and f"{case.where}: ")):
+            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; {case.where and f'{case.where}: '}"
+            with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
+                medium = case.medium.of(packing)
+            with self.origin.at(*place, before=found):
                 if "velocities" in self.observe:
                     try:
-                        if isinstance(packing, Packing):  # what a crystal's contacts hold is found with its state
-                            # the torsion of a Hertz contact depends on the load; how large it is does not matter here
-                            ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
+                        medium.require_sound()
                     except MechanismError as error:
                         mend = (
                             "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
@@ -381,14 +382,13 @@ class Plan:
                             mend = "It has bands, which a sweep without velocities has: observe: [bands]"
                         raise MechanismError(message(str(error), mend=mend)) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
-                medium = case.medium.of(packing)
                 # a sweep leaves it to its own processes to solve one law after the other
                 later = not self.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
-            if isinstance(packing, Arrangement) and "velocities" in self.observe and medium.is_quick:
-                with self.origin.at("crystal", before=case.where and f"{case.where}: "):
+            if "velocities" in self.observe and medium.is_quick and not later:
+                with self.origin.at(*place, before=found):
                     one.state.reference_lattice.require_rigid()
             left = one.require_start(left)
         self.require_waves(QUICK_BALLS)
@@ -557,28 +557,24 @@ class Plan:
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
         structure, dim = self.packing.structure, self.dim
-        if dim is not None and isinstance(self.packing, Packing) and not touch_once_at_most(structure.vectors, dim, 1.0):
+        if dim is not None and not touch_once_at_most(structure.vectors, dim, structure.reach):
             # two balls of the supercell would touch through two images
             sizes = ((n,) * structure.periods for n in range(1, 100))
-            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, 1.0))
+            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, structure.reach))
             raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
         if self.finite_overlap:
             try:
                 no_simulation(self.media)
             except InputError as error:
                 raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
-        if isinstance(self.packing, Arrangement):
-            if wrong := [one.label for one in self.media if one.name != "crystal"]:
-                raise Refused(repr(wrong[0]), "crystal, the medium of balls of several kinds", path=("medium",))
-            if wrong := [name for name in ("spectrum", "pulse", *["dos"] * (not self.is_single)) if name in self.observe]:
-                allowed = "velocities and bands of balls of several kinds, of one state also gaps and dos"
-                raise Refused(repr(wrong[0]), allowed, "Its waves in time are those of gp.Waves(state).", ("observe",))
-            if self.packing.crystal.is_held and "velocities" in self.observe:
-                mend = "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."
-                raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
-            for name in dict(self.parameters):
-                if (kind := name.rpartition(".")[0]) not in self.packing.crystal.names:
-                    raise Refused(f"the kind {kind!r}, which has no ball", "kinds of the crystal", path=("sweep", name))
+        for one in self.media:
+            try:
+                one.require_for(self.packing)
+            except InputError as error:
+                raise Refused(repr(one.label), "a medium of these balls", str(error), ("medium",)) from None
+        if self.packing.is_held and "velocities" in self.observe:
+            mend = "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."
+            raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
         if "gaps" in self.observe and not self.is_single:
             raise Refused("'gaps' of several states", "gaps of one state", "Observe bands.", ("observe",))
         # the density of states of one state is that of its lattice, and of a simulation that of the array too

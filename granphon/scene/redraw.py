@@ -14,7 +14,6 @@ from granphon.base.text import read_bytes, read_yaml
 from granphon.scene.run import (
     SAMPLE_WAVES,
     SWEEP_FIGURES,
-    draw_sample_waves,
     draw_spectra,
     draw_sweep,
     read_summary,
@@ -93,9 +92,10 @@ def redraw(
 
     def draw() -> Any:
         if wave is not None:
+            from granphon.figures.plot import plot
             from granphon.runs.wave_records import read_waves
 
-            return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
+            return plot(read_waves(source / f"{wave}.json"))
         if fitted and not swept:
             from granphon.figures.fits import fit_figure
             from granphon.fits.fit import WidthFit
@@ -265,20 +265,17 @@ def _name_kind(path: Path) -> str:
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of a run; no array is simulated again."""
     # imported here, as a figure without asymptotes does not need the media
-    from granphon.balls.packing import Packing
     from granphon.media.loaded_lattice import ideal_lattice
-    from granphon.media.network_state import as_state
     from granphon.media.state import ContactState
     from granphon.scene.scene import Scene
 
     scene = Scene.from_yaml(source / "scene.yaml")
-    if not isinstance(scene.packing, Packing):
-        return as_state(scene.state()).contact_lattice()
-    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
-        return ideal_lattice(scene.packing)
-    if not scene.media[0].is_exact:
+    packing: Any = scene.packing
+    if not scene.serving.arrays:
         return scene.state().contact_lattice()
+    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
+        return ideal_lattice(packing)
     found = read_summary(source)
     numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
-    medium, law = scene.media[0].name, scene.packing.law
-    return ContactState(scene.packing, medium, law, **numbers, finite_overlap=True).contact_lattice()
+    medium, law = scene.media[0].name, packing.law
+    return ContactState(packing, medium, law, **numbers, finite_overlap=True).contact_lattice()

@@ -292,7 +292,9 @@ class RunResult:
 
             return forces_figure(self.state)
         if self.waves is not None and stem in SAMPLE_WAVES:
-            return draw_sample_waves(stem, self.waves.results[stem])
+            from granphon.figures.plot import plot
+
+            return plot(self.waves.results[stem])
         if stem in ("bands", "dos"):
             return draw_spectra(self.bands, self.dos, gaps=self.gaps)
         return draw_sweep(self.dataset, name)
@@ -525,14 +527,3 @@ def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None, gaps: Any = None)
     from granphon.figures.bands import bands_figure
 
     return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes, gaps=gaps)
-
-
-def draw_sample_waves(stem: str, result: Any) -> Any:
-    """Draw the figure of one of the :data:`SAMPLE_WAVES`."""
-    if stem == "pulse":
-        from granphon.figures.pulses import pulse_figure
-
-        return pulse_figure(result)
-    from granphon.figures.spectra import sample_dos_figure, spectrum_figure
-
-    return spectrum_figure(result) if stem == "spectrum" else sample_dos_figure(result)

@@ -11,7 +11,6 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from granphon.balls.packing import Packing, describe_packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
@@ -84,7 +83,7 @@ class Scene(Plan):
 
         load, periods = self.load, self.packing.structure.periods
         rows: list[tuple[str, Any, str]] = [
-            *(describe_packing(self.packing) if isinstance(self.packing, Packing) else self.packing.describe()),
+            *self.packing.describe(),
             (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, periods)),
             *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
             *(("medium", describe_medium(one.label, periods, self.packing.structure.n_balls), "") for one in self.media),
