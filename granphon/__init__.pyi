@@ -78,7 +78,9 @@ from .waves.modes import NetworkModes as NetworkModes
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.spectral_functions import SpectralFunction as SpectralFunction
+from .waves.transmission import ScatteringLengths as ScatteringLengths
 from .waves.transmission import Transmission as Transmission
+from .waves.transmission import scattering_lengths as scattering_lengths
 from .waves.transmission import transmission as transmission
 from .waves.waves import Waves as Waves
 

@@ -25,7 +25,7 @@ class ComplexBands(Result):
 
     A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
     decay towards higher layers, those of the other half towards lower ones. In each half those that run come first, and the
-    others follow as they decay faster. An imaginary part is infinite where a motion reaches no other layer.
+    others follow as they decay faster. An imaginary part is infinite where a motion reaches no other layer at a frequency.
 
     Attributes
     ----------
@@ -79,4 +79,5 @@ def find_complex_bands(
             numbers[: waves.running].imag = 0.0
             half[:] = complex(0.0, sign * np.inf)
             half[: len(numbers)] = numbers
+    found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]  # what reaches no other layer at any frequency is no wave
     return ComplexBands(at, found.reshape(len(at), -1), np.array([one.running for one, _ in senses]), space.height)

@@ -7,6 +7,7 @@ follow without a small damping, and what is sent back and through adds up to wha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
 #: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
-_THERE = 0.2
+_THERE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,6 +136,93 @@ def transmission(
         at, modes, transmitted.sum(axis=1) / count, reflected.sum(axis=1) / count, transmitted, reflected, through, numbers,
         layers * first.space.height,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScatteringLengths(Result):
+    """How far waves go in disordered strips; arrays over frequencies (n_f,), and over the waves that run in (n_f, m).
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of the mean amplitude falls
+        as exp(-L/l). Infinite where it does not fall; zero beyond the waves that run.
+    localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2 L/xi (P. W. Anderson et
+        al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
+    """
+
+    units = {
+        "frequencies": "Hz", "mean_free_path": "m", "mean_free_path_error": "m", "localisation_length": "m",
+        "localisation_length_error": "m",
+    }  # fmt: skip
+    _shapes = {
+        "frequencies": "f", "mean_free_path": "f m", "mean_free_path_error": "f m", "localisation_length": "f",
+        "localisation_length_error": "f",
+    }  # fmt: skip
+
+    frequencies: Array
+    mean_free_path: Array
+    mean_free_path_error: Array
+    localisation_length: Array
+    localisation_length_error: Array
+
+
+def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
+    """Fit mean free paths and localisation lengths to transmissions through strips of several lengths.
+
+    ``runs`` are of the same leads and frequencies, for each length at least two samples. Logarithms are fitted over the
+    length by weighted least squares; weights and errors are those of means over samples.
+
+    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a length; for other
+    frequencies or numbers of waves; and where nothing is transmitted.
+    """
+    if not all(isinstance(one, Transmission) for one in runs) or len({one.amplitudes.shape for one in runs}) != 1:
+        raise InputError(message("runs are not transmissions with the same leads", mend="Give results of gp.transmission"))
+    first = runs[0]
+    if any(np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes) for one in runs):
+        raise InputError(message("runs have other frequencies or waves", mend="Give results of the same leads"))
+    lengths, of_run = np.unique([one.length for one in runs], return_inverse=True)
+    samples = np.bincount(of_run)
+    if len(lengths) < 2 or samples.min() < 2:
+        what = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
+        raise InputError(message(what, "A fall and its error need two of each", "Give more runs"))
+    through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])  # (runs, n_f, m)
+    total = np.array([one.total for one in runs])
+    open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
+    if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
+        raise InputError(message("nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"))
+
+    def fit(values: Array, variances: Array) -> tuple[Array, Array]:
+        """Return the fall of ``values`` (lengths, ...) over the length, 1/m, and its error."""
+        weight = 1.0 / np.maximum(variances, np.finfo(float).tiny)
+        x = lengths.reshape(-1, *(1,) * (values.ndim - 1))
+        apart = x - np.sum(weight * x, axis=0) / np.sum(weight, axis=0)
+        spread = np.sum(weight * apart**2, axis=0)
+        return -np.sum(weight * apart * values, axis=0) / spread, 1.0 / np.sqrt(spread)
+
+    groups = [of_run == place for place in range(len(lengths))]
+    mean = np.array([through[group].mean(axis=0) for group in groups])
+    unit = mean / np.where(mean == 0.0, 1.0, np.abs(mean))
+    noise, along, falls, spread = [], [], [], []
+    for group, phase, count in zip(groups, unit, samples, strict=True):
+        noise.append(np.var(through[group], axis=0, ddof=1) / count)
+        along.append(np.var((through[group] * phase.conj()).real, axis=0, ddof=1) / count)
+        logs = np.log(total[group])
+        falls.append(logs.mean(axis=0))
+        spread.append(np.var(logs, axis=0, ddof=1) / count)
+    # the square of a mean amplitude of few samples is too large by its variance
+    square = np.abs(mean) ** 2
+    energy = np.where(open_ways, np.maximum(square - np.array(noise), 0.1 * square), 1.0)
+    path, its_error = fit(np.log(energy), np.where(open_ways, 4.0 * np.array(along) / energy, 1.0))
+    local, error = fit(np.array(falls), np.array(spread))
+
+    def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
+        seen = rate > 0.0
+        inverse = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=seen)
+        return inverse, np.where(seen, inverse / np.where(seen, rate, 1.0) * error, np.inf)
+
+    one, its = (np.where(open_ways, each, 0.0) for each in invert(path, its_error, 1.0))
+    return ScatteringLengths(first.frequencies, one, its, *invert(local, error, 2.0))
 
 
 class _Lead(NamedTuple):
