@@ -83,11 +83,10 @@ def check_scene(scene: SceneFile) -> None:
     warnings = [warning for _, warning in found] if read.is_single else label_warnings(found)
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
+    rows += [("will write", ", ".join(expected_files(read)))]
+    rows += [("will not draw", undrawn)] if (undrawn := tell_undrawn(read)) else []
     say(f"{scene} can be run.")
     say_table(rows)
-    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))]
-    undrawn = tell_undrawn(read)
-    say_table(rows + [("will not draw", undrawn)] * bool(undrawn))
     warn(warnings)
 
 

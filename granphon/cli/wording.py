@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-from granphon.base.quantities import find_load_unit, load_quantities
+from granphon.base.notebook import describe_value
+from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
 if TYPE_CHECKING:
-    from granphon.balls.material import Material
-    from granphon.balls.packing import Packing
     from granphon.fits.fit import WidthFit
-    from granphon.media.arrangement import Arrangement, Balls
     from granphon.media.cost import Cost
     from granphon.scene.run import RunResult
     from granphon.scene.scene import Scene
@@ -37,74 +35,16 @@ def _flatten(value: Any) -> list[float]:
     return [x for one in plain for x in _flatten(one)] if isinstance(plain, Sequence) else [plain]
 
 
-def _describe_material(material: Material) -> str:
-    yields = "" if material.yield_strength is None else f", yields at {write_quantity(material.yield_strength, 'Pa')}"
-    elastic = f"E = {write_quantity(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
-    return f"{elastic}, {material.density:g} kg/m^3{yields}"
-
-
-def _describe_contacts(balls: Balls) -> list[tuple[str, str]]:
-    """Return rows of what contacts resist besides compression and shear, and of the motions."""
-    given = {name: getattr(balls, name) for name in ("torsion", "bending")}
-    resists = [
-        f"{name} as Hertz contacts that do not slip" if isinstance(value, str) else f"{name}, {value:g} k d^2"
-        for name, value in given.items()
-        if value
-    ]
-    motions = [("motions", balls.motions.replace("_", " "))] if balls.motions else []
-    return [*([("contacts", f"resist {' and '.join(resists)}")] if resists else []), *motions]
-
-
-def _describe_packing(scene: Scene, loads: str) -> list[tuple[str, str]]:
-    packing = cast("Packing", scene.packing)
-    friction = "with friction" if packing.friction else "without friction"
-    same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
-    spread = "none"
-    if packing.width:  # W is the full width of a uniform spread; for others it is sqrt(12) times the rms deviation
-        form, half = type(packing.spread).__name__.lower(), write_quantity(packing.width / 2.0, "m")
-        rms = write_quantity(packing.width / math.sqrt(12.0), "m")
-        form_of_width = f"the mean +/- {half}" if form == "uniform" else f"sqrt(12) times the rms, {rms}"
-        spread = f"{form}, W = {write_quantity(packing.width, 'm')} ({form_of_width})"
-    return [
-        ("material", _describe_material(packing.material)),
-        ("packing", f"{packing.structure.name}, balls of {write_quantity(packing.diameter, 'm')}, {friction}"),
-        *_describe_contacts(packing),
-        ("spread", spread),
-        ("load", loads),
-        ("medium", ", ".join(choice.label for choice in scene.media) + same),
-    ]
-
-
-def _describe_crystal(scene: Scene, loads: str) -> list[tuple[str, str]]:
-    balls = cast("Arrangement", scene.packing)
-    rows, crystal = list[tuple[str, str]](), balls.crystal
-    for name, ball in ((name, ball) for name, ball in balls.kinds if name in crystal.names):
-        size = f"{write_quantity(ball.diameter, 'm')}, {write_quantity(1e3 * ball.mass, 'g')}"
-        rows.append((f"ball {name}", f"{size}; {_describe_material(ball.material)}"))
-    counts = ", ".join(f"{int((crystal.kind == number).sum())} {name}" for number, name in enumerate(crystal.names))
-    several = isinstance(balls.law, tuple)
-    law = "a law for each pair" if several else f"{type(balls.law).__name__} contacts"
-    friction = "with friction" if balls.friction else "without friction"
-    cuts = "".join(f"; {counted(layers, 'layer')}, {' and '.join(edges)}" for _, layers, edges in balls.cut)
-    cell = f"{crystal.name}, {counts} in the cell, {law}, {friction}{cuts}"
-    return [*rows, ("crystal", cell), *_describe_contacts(balls), ("load", loads)]
+def _write(value: Any, unit: str) -> str:
+    """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all else as it is."""
+    if unit in ("m", "Pa", "N", "N/m", "Hz"):
+        return write_range(value, unit)
+    return f"{describe_value(value)} {unit.removeprefix('1')}".rstrip()
 
 
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     """Rows that describe a scene: names, and values in readable units."""
-    packing, load = scene.packing, scene.load
-    frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
-    frame += "" if load.gravity is None else f", with gravity {load.gravity:g} m/s^2"
-    unit, kind = (
-        find_load_unit(load.kind, packing.structure.periods, packing.structure.pressed_axes),
-        load.kind.replace("_", " "),
-    )
-    size = f"{write_range(load.values, unit)}{frame}"
-    if load.tensor is not None:
-        size += f", with the components {', '.join(f'{one:g}' for one in load.tensor)} in this unit"
-    count = len(load.values)
-    loads = f"{counted(count, kind, {'stress': 'stresses'}.get(kind, '')) + ',' if count > 1 else kind} {size}"
-    rows = (_describe_crystal if packing.kind_names else _describe_packing)(scene, loads)
+    rows = [(name, _write(value, unit)) for name, value, unit in scene.describe()]
     if scene.is_single and scene.serving.chosen_automatically:
         serving = scene.serving
         error = float(serving.errors[0])
@@ -129,21 +69,6 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     cost = scene.cost()
     if cost is not None:
         rows.append(("will take", describe_cost(cost)))
-    if scene.finite_overlap:
-        rows.append(("terms", "of the order of the overlap over the diameter are kept"))
-    if scene.direction is not None and "velocities" in scene.observe:
-        rows.append(("direction", " and ".join(write_direction(one) for one in scene.directions)))
-    if "bands" in scene.observe:
-        labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
-        rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
-    if "spectrum" in scene.observe:
-        rows.append(("spectrum", f"{', '.join(scene.spectrum.polarisation)}, {scene.spectrum.points} points in a segment"))
-    if scene.pulse is not None and "pulse" in scene.observe:
-        pulse = scene.pulse
-        periods = f"{pulse.cycles:g} period{'s' * (pulse.cycles != 1)}"
-        rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {periods}, {pulse.polarisation}"))
-    if "dos" in scene.observe and scene.is_single:  # that of a sweep is of arrays
-        rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
 
 

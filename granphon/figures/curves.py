@@ -172,7 +172,8 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     for which, name, unit in zip("xy", (x, y), curves[0].units, strict=True):
         values = np.concatenate([getattr(curve, which) for curve in curves])
         scale_axis(ax, which, values)
-        name_axis(ax, which, values, axis_label(name, ""), unit)
+        most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+        name_axis(getattr(ax, f"{which}axis"), most, axis_label(name, ""), unit)
 
 
 def make_handle(look: Look, label: str, points: bool) -> Line2D:

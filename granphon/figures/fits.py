@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from granphon.figures.style import GUIDE, VERMILION, readable_unit
-from granphon.figures.words import describe_medium, join_facts
+from granphon.base.scales import write_uncertain
+from granphon.figures.style import GUIDE, VERMILION
+from granphon.figures.words import describe_medium, join_facts, write_value
 from granphon.fits.fit import WidthFit
 from granphon.observables.catalogue import axis_label
 
@@ -55,11 +56,9 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
 
 def write_width(fit: WidthFit) -> str:
     """Return the fitted width with its standard error, of which two digits are told, if it is known: "2.026 ± 0.021 µm"."""
-    size, unit = readable_unit(fit.width, "m")
     if not fit.errors_are_known:
-        return f"{fit.width / size:.5g} {unit}"
-    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)
-    return f"{fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
+        return write_value(fit.width, "m")
+    return write_uncertain(fit.width, fit.stderr, "m").replace("+/-", "±").replace("u", "µ")
 
 
 def fit_figure(fit: WidthFit) -> Figure:

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES, add_title, styled_figure
+from granphon.figures.scales import FORCES, add_title, name_axis, styled_figure
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, LineCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
 from granphon.base.errors import InputError, brief, message
+from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
 from granphon.figures.style import (
@@ -29,7 +29,6 @@ from granphon.figures.style import (
     STYLE,
     VERMILION,
     colour_kinds,
-    readable_unit,
 )  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -128,9 +127,9 @@ def plot_forces(
         with np.errstate(invalid="ignore"):  # nan where no ball is
             density = total / count
         drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-        size, name = (1.0, "$d$") if network is None else readable_unit(float(np.max(layer.size)), "m")
+        size, name = (1.0, "$d$") if network is None else prefixed(float(np.max(layer.size)), "m")
         sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in grid})
-        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name}"
+        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name.replace('u', 'µ')}"
     else:
         drawn = _draw_chains(layer, ax, edges)
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -141,7 +140,7 @@ def plot_forces(
         ax.set(xlabel=layer.axes[0], ylabel=layer.axes[1])
     else:
         for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
-            _name_unit(axis, name, float(np.max(layer.size)), "m")
+            name_axis(axis, float(np.max(layer.size)), name, "m", short=True)
     if top - bottom < 2.0 * layer.diameter:
         ax.set_yticks([0.0])
     if drawn.get_array() is not None:
@@ -149,7 +148,7 @@ def plot_forces(
         if network is None:
             bar.set_xlabel(f"Contact force over its mean{means}")
         else:
-            _name_unit(bar.xaxis, "Contact force", bar.get_xlim()[1], "N", means)
+            name_axis(bar.xaxis, bar.get_xlim()[1], "Contact force", "N", short=True, more=means)
     return ax
 
 
@@ -345,13 +344,6 @@ def _project(network: ContactNetwork) -> _Map:
         f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}", ("$x$", "$y$"),
         find_lines, network, kinds,
     )  # fmt: skip
-
-
-def _name_unit(axis: Axis, label: str, most: float, unit: str, more: str = "") -> None:
-    """Label an axis, whose data are in an SI ``unit``, with the multiple of it that suits the largest number."""
-    size, name = readable_unit(most, unit)
-    axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
-    axis.set_label_text(f"{label} ({name}){more}")
 
 
 def _write_title(sample: Sample) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granphon.base.errors import FigureError, GranphonError, message
-from granphon.base.scales import HertzPrefix, prefixed
+from granphon.base.scales import HertzPrefix
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -60,14 +60,6 @@ _REASON = 300
 def shorten_error(error: Exception) -> str:
     """Return the message of an error of matplotlib, shortened and on one line."""
     return textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
-
-
-def readable_unit(largest: float, unit: str) -> tuple[float, str]:
-    """Return the decimal multiple of ``unit`` that suits ``largest``: its size in that unit, and its printed name."""
-    if unit not in ("m", "Pa", "N", "Hz"):
-        return 1.0, "" if unit == "1" else unit
-    size, name = prefixed(largest, unit)
-    return size, name.replace("u", "µ")
 
 
 def print_hertz(unit: HertzPrefix) -> str:

@@ -233,12 +233,12 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
         return InputError(message(what, mend=_MEASURE))
     if error > 1.0 or width < problem.widths[0]:
-        best = f": the best is {_write_length(width)}, its standard error {_write_length(error * width)}"
+        best = f": the best is {write_quantity(width, 'm', 3)}, its standard error {write_quantity(error * width, 'm', 3)}"
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
         why = f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds their errors"
         return InputError(message(what, why, "Measure at lower forces, or more precisely"))
-    falling = f"no width fits: the sum of squares still falls at {_write_length(width)}"
+    falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
         what = f"{falling}, beyond which the balls do not carry the frequency"
@@ -246,8 +246,3 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))
-
-
-def _write_length(length: float) -> str:
-    """Text of a length, m, with three digits."""
-    return write_quantity(float(f"{length:.3g}"), "m")

@@ -23,7 +23,7 @@ from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.balls.parameters import KIND_PARAMETERS
 from granphon.base.errors import InputError, message
-from granphon.base.text import closest
+from granphon.base.text import closest, counted
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import MediumBase
 from granphon.media.network_state import NetworkStates
@@ -207,11 +207,18 @@ class Arrangement:
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of what describes it, as a notebook shows them."""
         crystal, rows = self.crystal, list[tuple[str, Any, str]]()
-        for name, ball in self.kinds:
+        for name, ball in ((name, ball) for name, ball in self.kinds if name in crystal.names):
+            own, unit = ball.material, {"young_modulus": "Pa", "density": "kg/m^3", "yield_strength": "Pa"}
+            told = {key: value for key, value in vars(own).items() if value is not None}
             rows += [(f"diameter of {name}", ball.diameter, "m"), (f"mass of {name}", ball.mass, "kg")]
+            rows += [(f"{key.replace('_', ' ')} of {name}", value, unit.get(key, "")) for key, value in told.items()]
         counts = [np.count_nonzero(crystal.kind == number) for number in range(len(crystal.kinds))]
         balls = ", ".join(f"{count} {name}" for count, name in zip(counts, crystal.names, strict=True))
-        return [*rows, ("crystal", crystal.name, ""), ("balls of the cell", balls, ""), ("friction", self.friction, "")]
+        law = "of each pair" if isinstance(self.law, tuple) else type(self.law).__name__
+        rows += [("crystal", crystal.name, ""), ("balls of the cell", balls, ""), ("contact law", law, "")]
+        rows += [("cut", f"{counted(layers, 'layer')}, {' and '.join(edges)}", "") for _, layers, edges in self.cut]
+        rows += [(name, getattr(self, name), "k d^2") for name in ("torsion", "bending") if getattr(self, name)]
+        return [*rows, ("friction", self.friction, ""), ("motions", crystal.ball_motions.name.replace("_", " "), "")]
 
     def change(self, values: Mapping[str, Any]) -> Arrangement:
         """Return the arrangement with other ``values`` of parameters of kinds, in SI units: {"A.diameter": 8e-3}, m.

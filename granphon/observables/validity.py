@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from granphon.networks.network import ContactNetwork
 
 #: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says of it, with the worst
 #: value and the limit; what fails beyond it. A rising load reaches the first four together, near delta/d = 1 %, where the
-#: terms that the contact law leaves out are of that size too. What is said of the medium is in :attr:`Tally.warning`
+#: terms that the contact law leaves out are of that size too. What is said of the medium is in :attr:`Check.warning`
 _LIMITS = {
     "contact_radius": (
         MOST_CONTACT_RADIUS, "contact radius over ball radius",
@@ -90,58 +90,6 @@ _KEEPS = "; finite_overlap=True keeps those of the static force and of the dista
 _DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
 
 
-class Tally(NamedTuple):
-    """A condition over several loads: its worst value, and the number of loads at which it fails.
-
-    ``loads`` is the number of loads, or None for a state at a single load.
-    """
-
-    name: str
-    limit: float
-    reason: str
-    at_least: bool
-    worst: float
-    failing: int
-    loads: int | None
-
-    def join(self, other: Tally) -> Tally:
-        """Return the same condition over the loads of both."""
-        worst = (min if self.at_least else max)(self.worst, other.worst)
-        loads = (self.loads or 1) + (other.loads or 1)
-        return self._replace(worst=worst, failing=self.failing + other.failing, loads=loads)
-
-    @property
-    def warning(self) -> str | None:
-        """Warning for the user, a sentence or two, or None if the condition holds at every load."""
-        if not self.failing:
-            return None
-        several = (self.loads or 1) > 1
-        if self.name == "medium":
-            force, least = _write_force(self.worst), _write_force(self.limit)
-            lower = "the contact force is"
-            if several:
-                are = "is lower," if self.failing == 1 else "are lower, down to"
-                lower = f"{self.failing} of the {self.loads} contact forces {are}"
-            return f"{self.reason} below {least}: {lower} {force}."
-        if self.name in BALL_LIMITS:
-            _, what, unit, *_ = BALL_LIMITS[self.name]
-            said = f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than {{limit}} {unit}"
-        else:
-            said = _LIMITS[self.name][2]
-        several &= self.name not in ("spread", *BALL_LIMITS)  # which do not depend on the load
-        up = "up to " if several and self.failing > 1 else ""
-        words = {
-            "worst": f"{up}{self.worst:.4g}", "part": f"{up}{100.0 * self.worst:.4g} %", "limit": f"{self.limit:g}",
-            "limit_part": f"{100.0 * self.limit:g} %", "about": f"{up}about {100.0 * self.worst:.2g} %",
-            "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - self.worst, 0.0))):.2g} %",
-        }  # fmt: skip
-        said = said.format_map(words)
-        if several:
-            which = f"all {self.loads}" if self.failing == self.loads else f"{self.failing} of {self.loads}"
-            said = f"at {'both' if which == 'all 2' else which} loads {said}"
-        return f"{said[0].upper()}{said[1:]}: {self.reason}."
-
-
 def _write_force(force: float) -> str:
     """Text of a force, N, with four digits."""
     size, unit = (1.0, "N") if force == 0.0 or 0.01 <= force < 1e4 else prefixed(force, "N")
@@ -174,25 +122,50 @@ class Check(Result):
     @property
     def ok(self) -> Any:
         """Whether the condition holds, with the shape of the load."""
-        return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
-
-    @cached_property
-    def tally(self) -> Tally:
-        """The worst value over the loads, and the number of loads at which the condition fails."""
         value = np.asarray(self.value)
-        loads = None if value.ndim == 0 else value.size
-        if value.size == 1:  # without arrays, as a sweep has many states at one load
-            worst = float(value.item())
-            failing = int(not (worst >= self.limit if self.at_least else worst <= self.limit))
-        else:
-            worst = float(value.min() if self.at_least else value.max())
-            failing = value.size - int(np.count_nonzero(self.ok))
-        return Tally(self.name, float(self.limit), self.reason, self.at_least, worst, failing, loads)
+        return np.asarray(value >= self.limit if self.at_least else value <= self.limit)[()]
+
+    @property
+    def failing(self) -> int:
+        """Number of loads at which the condition fails."""
+        return np.size(self.value) - int(np.count_nonzero(self.ok))
+
+    def join(self, other: Check) -> Check:
+        """Return the same condition over the loads of both."""
+        return replace(self, value=np.concatenate([np.ravel(self.value), np.ravel(other.value)]))
 
     @property
     def warning(self) -> str | None:
-        """Warning for the user, or None if the condition holds at every load."""
-        return self.tally.warning
+        """Warning for the user, a sentence or two, or None if the condition holds at every load."""
+        failing, loads = self.failing, np.size(self.value)
+        if not failing:
+            return None
+        several, value = loads > 1, np.asarray(self.value)
+        worst = float(value.min() if self.at_least else value.max())
+        if self.name == "medium":
+            force, least = _write_force(worst), _write_force(self.limit)
+            lower = "the contact force is"
+            if several:
+                are = "is lower," if failing == 1 else "are lower, down to"
+                lower = f"{failing} of the {loads} contact forces {are}"
+            return f"{self.reason} below {least}: {lower} {force}."
+        if self.name in BALL_LIMITS:
+            _, what, unit, *_ = BALL_LIMITS[self.name]
+            said = f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than {{limit}} {unit}"
+        else:
+            said = _LIMITS[self.name][2]
+        several &= self.name not in ("spread", *BALL_LIMITS)  # which do not depend on the load
+        up = "up to " if several and failing > 1 else ""
+        words = {
+            "worst": f"{up}{worst:.4g}", "part": f"{up}{100.0 * worst:.4g} %", "limit": f"{self.limit:g}",
+            "limit_part": f"{100.0 * self.limit:g} %", "about": f"{up}about {100.0 * worst:.2g} %",
+            "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - worst, 0.0))):.2g} %",
+        }  # fmt: skip
+        said = said.format_map(words)
+        if several:
+            which = f"all {loads}" if failing == loads else f"{failing} of {loads}"
+            said = f"at {'both' if which == 'all 2' else which} loads {said}"
+        return f"{said[0].upper()}{said[1:]}: {self.reason}."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,14 +187,9 @@ class Validity(Result):
         return np.logical_and.reduce([check.ok for check in self.checks])[()]
 
     @cached_property
-    def tallies(self) -> tuple[Tally, ...]:
-        """The worst value of each condition over the loads, and the number of loads at which it fails."""
-        return tuple(check.tally for check in self.checks)
-
-    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each condition that fails; empty if all hold."""
-        return tuple(one.warning for one in self.tallies if one.warning is not None)
+        return tuple(one for check in self.checks if (one := check.warning) is not None)
 
     def __getitem__(self, name: str) -> Check:
         for check in self.checks:

@@ -37,9 +37,9 @@ from granphon.media.equilibria import sort_by_load
 from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
-from granphon.observables.validity import Tally
+from granphon.observables.validity import Check
 from granphon.observables.velocities import warn_of_free_branches
-from granphon.runs.samples import RecordedState, SampleRecord, keep_balls, restore_sample
+from granphon.runs.samples import SampleRecord, keep_balls, restore_sample
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import WaveSettings
@@ -223,11 +223,11 @@ class CaseTasks:
         marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
         order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
         # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
-        notes: dict[Any, Tally | str] = {}
+        notes: dict[Any, Check | str] = {}
         for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
-            key = note if isinstance(note, str) else note[:4]
+            key = note if isinstance(note, str) else (note.name, note.limit, note.reason, note.at_least)
             before = notes.get(key)
-            notes[key] = before.join(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
+            notes[key] = before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
         out: TaskResult = {"warnings": _write_notes(notes.values())}
         named = {name: value for part in found for name, value in part.items() if name != "warnings"}
         for name, value in named.items():
@@ -313,7 +313,7 @@ class MediumTask:
         size, places, own = self.load.size, find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
+        out = self.observe(Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction))
         if self.asked.waves is not None:
             out = _add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
@@ -345,8 +345,8 @@ class MediumTask:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
         state, asked = analysis.state, self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
-        notes: list[Tally | str] = [
-            one for one in analysis.validity.tallies if one.failing or self.serving.chosen_automatically
+        notes: list[Check | str] = [
+            one for one in analysis.validity.checks if one.failing or self.serving.chosen_automatically
         ]
         out = find_all(analysis, ("state",), swept=True)
         try:
@@ -371,7 +371,7 @@ class MediumTask:
             found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *asked.qpoints.shape[:2], -1)
             notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
             notes += [LATTICE_BANDS] * bool(state.n_samples)
-        return found | {"warnings": _write_notes(dict.fromkeys(notes))}
+        return found | {"warnings": _write_notes(notes)}
 
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
@@ -546,14 +546,15 @@ def explain_end(parts: Sequence[TaskResult]) -> ConvergenceError:
 # -- notes -----------------------------------------------------------------------------------------------------------
 
 
-def _write_notes(notes: Iterable[Tally | str]) -> NDArray[Any]:
-    """Encode notes on a result, which are conditions over loads or sentences, as an array of JSON texts."""
-    return np.array([json.dumps(note) for note in notes], "S")  # ASCII: one byte for each letter
+def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
+    """Encode notes on a result, conditions over loads or sentences, as an array of JSON texts, each once."""
+    texts = [to_json(note if isinstance(note, str) else list(vars(note).values())) for note in notes]
+    return np.array(list(dict.fromkeys(texts)), "S")  # ASCII: one byte for each letter
 
 
-def _read_note(text: bytes) -> Tally | str:
+def _read_note(text: bytes) -> Check | str:
     note = json.loads(text)
-    return note if isinstance(note, str) else Tally(*note)
+    return note if isinstance(note, str) else Check(*note)
 
 
 def tell_warnings(part: TaskResult) -> list[str]:

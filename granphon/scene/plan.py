@@ -19,10 +19,10 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.balls.parameters import Axis, change_packing, count_combinations
+from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LENGTH
+from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
@@ -245,6 +245,34 @@ class Plan:
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
             raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
         return text
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of what the scene says; no state is computed."""
+        from granphon.figures.words import describe_medium  # imported here: a run does not need it
+
+        load, structure, seen = self.load, self.packing.structure, set(self.observe)
+        spectrum, pulse = self.spectrum, self.pulse
+        media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
+        rows: list[tuple[str, Any, str]] = [
+            *self.packing.describe(),
+            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, structure.periods, structure.pressed_axes)),
+            ("components", load.tensor, "of that"), ("balls per side", load.balls_per_side, ""),
+            ("gravity", load.gravity, "m/s^2"),
+            ("medium", media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ), ""),
+            *((f"sweep of {name.replace('_', ' ')}", values, find_unit(name) or "") for name, values in self.parameters),
+            ("finite overlap", self.finite_overlap, ""), ("observe", self.observe, ""),
+            *(("direction", one, "") for one in self.directions[:4]),
+        ]  # fmt: skip
+        if seen & {"bands", "spectrum"}:
+            rows.append(("path", " ".join(self.path.labels) if self.path.labels else str(self.path), ""))
+        rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
+        if "spectrum" in seen:
+            rows += [("polarisation", spectrum.polarisation, ""), ("points of a leg", spectrum.points, "")]
+        if "pulse" in seen and pulse is not None:
+            told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
+            rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
+        rows += [("mesh", " x ".join(map(str, self.grid)), "")] * ("dos" in seen)
+        return [row for row in rows if row[1] is not None]
 
     @cached_property
     def diameters(self) -> str | None:

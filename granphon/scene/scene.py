@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
-from granphon.balls.parameters import PARAMETERS
 from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import find_load_unit
 from granphon.base.text import parse_yaml
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -79,25 +77,7 @@ class Scene(Plan):
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene says, in SI units; no state is computed."""
-        from granphon.figures.words import describe_medium
-
-        load, periods = self.load, self.packing.structure.periods
-        rows: list[tuple[str, Any, str]] = [
-            *self.packing.describe(),
-            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, periods)),
-            *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
-            *(("medium", describe_medium(one.label, periods, self.packing.structure.n_balls), "") for one in self.media),
-            *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in self.parameters),
-            ("finite overlap", self.finite_overlap, ""),
-            ("observe", self.observe, ""),
-            *(("direction", one, "") for one in self.directions[:4]),
-        ]
-        if {"bands", "spectrum"} & set(self.observe):
-            path = self.path
-            rows.append(("path", " ".join(path.labels) if path.labels else str(path), ""))
-        if "dos" in self.observe:
-            rows.append(("mesh", " x ".join(map(str, self.grid)), ""))
-        return write_html("Scene", rows)
+        return write_html("Scene", self.describe())
 
     def run(
         self,

@@ -360,7 +360,7 @@ class _StudyTask:
         def require_time(seconds: float) -> None:
             """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end by the deadline."""
             if (self.runs + _MORE_RUNS) * seconds > halfway.left:
-                about = write_quantity(float(f"{seconds:.2g}"), "s") if 1e-3 < seconds < math.inf else ""
+                about = write_quantity(seconds, "s", 2) if 1e-3 < seconds < math.inf else ""
                 raise _BudgetError("not run, beyond the budget" + (f": {self.runs} runs of about {about}" if about else ""))
 
         with self.progress.step(study.name, len(points)) as step:

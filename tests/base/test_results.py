@@ -204,7 +204,7 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
-    from granphon.runs.samples import RecordedState, SampleRecord
+    from granphon.runs.samples import SampleRecord
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
     from granphon.waves.path_spectra import find_path_spectra
 
@@ -213,7 +213,7 @@ def every(packing, results):
     medium = gp.DirectSimulation(spread, (8, 8), seed=1, samples=2, geometry="lattice")
     simulated = medium.at_force([1.0, 5.0])
     records = [SampleRecord.of(sample) for sample in simulated.samples]
-    recorded = RecordedState.of(medium, records, Load("force", (1.0, 5.0)))
+    recorded = gp.SimulatedState.of(medium, records, Load("force", (1.0, 5.0)))
     assert (recorded.n_samples, recorded.exponent_error.tolist()) == (2, simulated.exponent_error.tolist())
     # records stand where samples do, at all loads and at one
     assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (tuple(records), tuple(records[2:]), records[2])
@@ -223,7 +223,7 @@ def every(packing, results):
     pressed = gp.DirectSimulation(spread, (4, 4), seed=1, **history).at_force(5.0).sample
     exact = gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact").at_force(5.0).sample.equilibrium
     found = [
-        *results.values(), results["moduli"].hill, simulated, recorded, records[0], simulated.samples[0],
+        *results.values(), results["moduli"].hill, simulated, simulated.samples[0],
         simulated.samples[0].equilibrium, simulated.samples[0].network, pressed, pressed.equilibrium, exact,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
