@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, contact_frames
-from granphon.base.errors import InputError, brief, message
-from granphon.base.text import counted
+from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.text import counted, show
+from granphon.base.validation import each, is_whole, whole
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -84,6 +86,18 @@ class Layers:
         up = np.arange(count)[:, None] + rise
         layer, row = np.nonzero((up >= 0) & (up < count))
         return layer * n + i[row], up[layer, row] * n + j[row], row, inner[row]
+
+
+def read_axis(value: Any) -> Any:
+    """Read the number of a vector of a cell, or Miller indices, as a scene has them; raises Refused for another value."""
+    if is_whole(value):
+        return whole(value, 0, 2)
+    words = value
+    if isinstance(value, str):
+        words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
+    if not isinstance(words, list | tuple):
+        raise Refused(show(value), "the number of a vector of the cell, 0 to 2, or Miller indices, as 1 1 0")
+    return each(words, partial(whole, low=-100, high=100), "Miller indices")
 
 
 def read_edges(edges: Any) -> tuple[str, str]:

@@ -83,7 +83,7 @@ def fit_measurements(
 
     require_name("--out", out)
     read = Scene.from_yaml(scene)
-    files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.inputs, data))
+    files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
     if files is not None:
         files.require_free()
     packing = _require_one_packing("A fit", scene, read)
@@ -126,7 +126,7 @@ def fit_measurements(
     )  # fmt: skip
 
     def figure(_: str) -> Any:
-        from granphon.figures.fits import fit_figure  # here, so that a failed import counts as a failed figure
+        from granphon.figures.curves import fit_figure  # here, so that a failed import counts as a failed figure
 
         return fit_figure(found)
 
@@ -200,7 +200,7 @@ def measure_tradeoff(
     require_workers(workers, scheduler)
     seconds = require("--budget", TIME.read, budget)
     read = Scene.from_yaml(scene)
-    files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.inputs)
+    files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.origin.inputs)
     if files is not None:
         files.require_free()
     packing = _require_one_packing("A trade-off", scene, read)

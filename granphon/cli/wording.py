@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.notebook import describe_value
 from granphon.base.quantities import load_quantities
+from granphon.base.results import describe_value
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
@@ -93,7 +93,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
                 values, errors = _flatten(numbers[name]), _flatten(error)
                 several = f"{said} +/- {write_range(errors, one.unit)}"
                 said = write_uncertain(values[0], errors[0], one.unit) if len(values) == 1 else several
-            rows.append((one.label.lower(), said + (along if one.unit == "m/s" else "")))
+            rows.append((one.label.lower(), said + (along if one.unit == "m/s" and one.cost != "surface" else "")))
     if (gaps := numbers.get("gaps")) is not None:
         widest = sorted(gaps, key=lambda one: one[0] - one[1])[:_MOST_GAPS]
         told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"

@@ -260,7 +260,7 @@ def _find_layer(sample: Sample) -> _Map:
     table, balls = structure.contacts, structure.positions
     level = np.abs((balls - balls[0]) @ up) < _LEVEL
     inside = level[table.i] & level[table.j] & (np.abs(table.normal @ up) < _LEVEL) & np.all(table.shift[:, 2:] == 0, axis=1)
-    shown = np.flatnonzero(level).tolist()
+    shown = np.flatnonzero(level)
     flat = sample.sites.reshape(*sample.shape, -1, p)
     forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[..., inside]
     if p == 3:
@@ -270,44 +270,42 @@ def _find_layer(sample: Sample) -> _Map:
     sites = flat[:, :, shown] @ plane
     length, step = rows * float(np.linalg.norm(vectors[0])), float(vectors[1] @ axes[1])
     sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
-    # of each kind of contact the vector, the numbers of its balls i and j, and the cells between them
-    ways, shifts = table.normal[inside] @ plane, np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2].tolist()
-    ends = [[shown.index(i), shown.index(j)] for i, j in zip(table.i[inside], table.j[inside], strict=True)]
-    sums, counts = np.zeros(sites.shape[:3]), np.zeros(sites.shape[:3])
-    for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
-        force = forces[..., contact]
-        for total, value in ((sums, force), (counts, np.ones(force.shape))):
-            total[:, :, i] += value
-            total[:, :, j] += np.roll(value, (a, b), (0, 1))
+    places = sites.reshape(-1, 2)
+    # of each contact the vector, the numbers of its balls, and its force
+    number, shifts = np.arange(len(places)).reshape(sites.shape[:3]), np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))
+    own, other = (np.searchsorted(shown, end[inside]) for end in (table.i, table.j))
+    i = number[..., own].ravel()
+    steps = zip(other.tolist(), shifts[inside, :2].tolist(), strict=True)
+    j = np.stack([np.roll(number[..., ball], (-a, -b), (0, 1)) for ball, (a, b) in steps], axis=-1).ravel()
+    ways, force = np.tile(table.normal[inside] @ plane, (rows * columns, 1)), forces.ravel()
 
     def find_lines() -> tuple[Array, Array]:
         # of the contacts that carry load: one across an edge of the array has two lines, one at each of its balls
-        lines, values = list[Array](), list[Array]()
-        for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
-            way, force = ways[contact], forces[..., contact]
-            own, other = sites[:, :, i], np.roll(sites[:, :, j], (-a, -b), (0, 1))
-            across = np.linalg.norm(other - own - way, axis=-1) > 0.5
-            for start, there in ((own, force > 0.0), (other - way, (force > 0.0) & across)):
-                lines.append(np.stack([start[there], start[there] + way], axis=1))
-                values.append(force[there])
-        return np.concatenate(lines), np.concatenate(values)
+        ends = places[i], places[j] - ways
+        across = np.linalg.norm(ends[1] - ends[0], axis=1) > 0.5
+        start, there = np.concatenate(ends), np.concatenate([force > 0.0, (force > 0.0) & across])
+        way, double = np.concatenate([ways, ways]), np.concatenate([force, force])
+        return np.stack([start, start + way], axis=1)[there], double[there]
 
-    places = sites.reshape(-1, 2)
     bottom = float(np.min(places[:, 1])) - 0.5 * step  # half a row below the lowest, which is not at zero in every cell
     return _Map(
-        places, np.full(len(places), 0.5), np.full(len(places), "none"), sums.ravel(), counts.ravel(),
+        places, np.full(len(places), 0.5), np.full(len(places), "none"), *_sum_forces(i, j, force, len(places)),
         (-0.25, bottom, length - 0.25, bottom + step * columns), 1.0,
         1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)), _write_title(sample),
         ("$x/d$", "$y/d$") if p < 3 else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$"), find_lines,
     )  # fmt: skip
 
 
+def _sum_forces(i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int) -> tuple[Array, Array]:
+    """Return of each of ``count`` balls the sum of the forces of its contacts, and the number of these."""
+    ends = np.concatenate([i, j])
+    sums = np.bincount(ends, np.concatenate([force, force]), count)
+    return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
+
+
 def _project(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
-    sums, counts = np.zeros(network.n_balls), np.zeros(network.n_balls)
-    for end in (network.i, network.j):
-        np.add.at(sums, end, network.normal_force)
-        np.add.at(counts, end, 1.0)
+    sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
     shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
     shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
     places, radii = network.positions[shown, :2], network.radii[shown]

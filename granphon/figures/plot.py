@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
-    "granphon.WidthFit": ("fits", "fit_figure", "fit", 0.0),
+    "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("spectra", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("spectra", "plot_lines", "spectrum", 2.6),
@@ -34,7 +34,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
     "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
     "granphon.SimulatedState": ("forces", "forces_figure", "state", 0.0),
-    "xarray.Dataset": ("sweeps", "sweep_figure", "dataset", 0.0),
+    "xarray.Dataset": ("curves", "sweep_figure", "dataset", 0.0),
 }
 #: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
@@ -58,7 +58,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with
     measured points, or bands, or densities of states. ``options`` are then those of
-    :func:`granphon.figures.comparison.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
+    :func:`granphon.figures.curves.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
     single result of these kinds, and the figure of the Axes is returned.
 
     Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the function does not have.
@@ -67,7 +67,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     # a data set is a mapping too, of variables
     several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
     if several or axes is not None:
-        from granphon.figures.comparison import comparison_figure, plot_together
+        from granphon.figures.curves import comparison_figure, plot_together
 
         results = result if several else [result]
         _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
@@ -82,6 +82,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
             known, given = _PICTURES["granphon.Bands"], spectra
+        elif dataset is not result and getattr(result, "surface", None) is not None:
+            known, given = _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": result.surface}
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):

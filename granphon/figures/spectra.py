@@ -115,22 +115,47 @@ def _draw_map(ax: Axes, x: Array, y: Array, values: Array, label: str, unit: Her
 def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranches | None = None) -> Axes:
     """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over the wave vectors in turn.
 
-    Lines are the edges of the crystal's bands, and dots the ``branches``, at the same wave vectors. The x axis counts the
-    first coordinate that changes, in fractions of the reciprocal cell.
+    Dashes are the edges of the crystal's bands, and dots the ``branches`` at the same wave vectors, by default the waves
+    that the spectrum has: full ones are undamped, hollow ones leak. The x axis is that of the path; without one it counts
+    the first coordinate that changes, in fractions of the reciprocal cell. At one wave vector, as at the end of a chain, the
+    spectrum of each motion is drawn over frequency instead, with bands in grey and waves dotted.
     """
-    unit, q = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints
+    unit, q, own = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints, branches or spectrum.waves
+    y = spectrum.frequencies / unit.hertz
+    if len(y) < 2:
+        raise InputError(message("a map needs several frequencies", mend="Give more of them"))
+    edges = spectrum.edges / unit.hertz
+    if len(q) == 1:
+        for colour, letter, values in zip(COLOURS, spectrum.letters, spectrum.by_motion[0].T, strict=False):
+            ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
+        for low, high in edges[0]:
+            ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
+        for number, value in enumerate([] if own is None else own.frequencies / unit.hertz):
+            ax.axvline(value, color="0.2", linewidth=0.8, dashes=(1, 2), label="_" if number else "wave of the edge")
+        ax.set(xlim=(y[0], y[-1]), ylim=(0.0, None), xlabel=f"Frequency ({print_hertz(unit)})")
+        ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
+        ax.legend()
+        return ax
     moving = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
-    if len(q) < 2 or not moving.size or len(spectrum.frequencies) < 2:
-        raise InputError(message("a map needs several wave vectors and frequencies", mend="Give more of them"))
-    x, y = q[:, moving[0]], spectrum.frequencies / unit.hertz
+    if not moving.size:
+        raise InputError(message("a map needs several wave vectors", mend="Give more of them"))
+    x = spectrum.distances if spectrum.labels else q[:, moving[0]]
     _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
-    for edge in spectrum.edges.reshape(len(q), -1).T / unit.hertz:
-        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2))
-    if branches is not None:
-        dots: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": "waves of the edge"}
-        ax.plot(x[branches.place], branches.frequencies / unit.hertz, "o", **dots)
-    ax.set(xlabel=f"Wave vector $q_{moving[0] + 1}$ (reciprocal cell)", ylabel=f"Frequency ({print_hertz(unit)})")
-    ax.set(xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
+    for number, edge in enumerate(edges.reshape(len(q), -1).T):
+        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2), label="_" if number else "edges of bands")
+    if own is not None:
+        for leaks, words in ((False, "waves of the edge"), (True, "leaky waves")):
+            some = (own.widths > 0.0) == leaks
+            if np.any(some):
+                look: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words}
+                look |= {"markerfacecolor": "none", "markeredgewidth": 0.4} if leaks else {}
+                ax.plot(x[own.place[some]], own.frequencies[some] / unit.hertz, "o", **look)
+    if spectrum.labels:
+        name_corners(ax, spectrum.corners, spectrum.labels)
+    else:
+        ax.set(xlabel=f"Wave vector $q_{moving[0] + 1}$ (reciprocal cell)")
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
 
 

@@ -228,7 +228,7 @@ class MediumChoice:
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if found and not self.history.is_loaded:
+        if "friction_history" in found and not self.history.is_loaded:
             found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
         if isinstance(start := found.get("start"), Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
@@ -523,6 +523,6 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
 
         rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
-    if found:
+    if found and "friction_history" in rules:
         FrictionHistory.read(found)
     return found

@@ -33,7 +33,7 @@ from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.complex_bands import ComplexBands, find_complex_bands
 from granphon.phonons.dos import DensityOfStates
-from granphon.phonons.paths import LARGEST_COUNT, check_inside, default_letters, interpolate_path, special_points
+from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
 from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
 
@@ -47,8 +47,6 @@ _MESH_POINTS = 4096
 _MESH_NUMBERS = 2**26
 #: largest standard deviation of a smeared density of states, over the top frequency
 _WIDEST = 1e6
-#: mesh of a density of states for one, two and three periods
-_MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: mesh on which gaps are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
@@ -331,7 +329,7 @@ class Phonons:
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         p = self._periods
-        given, example = _MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
+        given, example = MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))

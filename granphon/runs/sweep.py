@@ -202,7 +202,8 @@ def sweep(
         waves = WaveSettings(density, spectrum, *corners, pulse, way if pulse is not None else None)
 
     # bands are those of a mechanism too
-    asked = Asked(finite_overlap, direction=way, waves=waves, sound=bands is None)
+    along_path = None if bands is None else (bands, npoints, labels)
+    asked = Asked(finite_overlap, along_path, way, waves, sound=bands is None)
     grid = Grid(packing, axes, choices, load, asked)
     if waves is not None:
         from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
@@ -214,17 +215,13 @@ def sweep(
             except GranphonError as error:
                 raise type(error)(f"{case.label}: {error}") from None
     return sweep_grid(
-        grid, bands=bands, npoints=npoints, labels=labels,
-        executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
+        grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
     )  # fmt: skip
 
 
 def sweep_grid(
     grid: Grid,
     *,
-    bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
-    npoints: int = 101,
-    labels: Sequence[str] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
     path: str | os.PathLike[str] | None = None,
@@ -236,7 +233,7 @@ def sweep_grid(
 
     Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
     """
-    run = SweepRun.of(grid, bands, npoints, labels)
+    run = SweepRun.of(grid)
     target = None if path is None else Path(path)
     if target is None and resume:
         what, why = "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file"

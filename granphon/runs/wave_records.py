@@ -29,6 +29,7 @@ from granphon.media.cost import find_typical_force
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
+from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.operator import WaveOperator
@@ -161,8 +162,10 @@ class SampleWaves:
 
 
 def read_waves(path: Path) -> Any:
-    """Read the result in a file ``sample_dos.json``, ``spectrum.json`` or ``pulse.json``."""
-    kinds: dict[str, type[Result]] = {"sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse}
+    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json`` or ``surface.json``."""
+    kinds: dict[str, type[Result]] = {
+        "sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse, "surface": SurfaceSpectrum,
+    }  # fmt: skip
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):

@@ -30,14 +30,13 @@ from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
 from granphon.media.arrangement import Arrangement, CrystalCell
 from granphon.phonons.paths import BandPath, read_labels
-from granphon.scene import crystal_rules as crystals
 from granphon.scene import rules
-from granphon.scene.crystal_rules import split_tensor
-from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, table_named
+from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, split_tensor, table_named
 from granphon.waves.settings import (
     POLARISATIONS,
     PulseSettings,
     SpectrumSettings,
+    SurfaceSettings,
     wave_rules,
     write_setting,
 )
@@ -73,7 +72,7 @@ def _load(kind: str, words: str) -> Field:
 
 
 def _wave(key: str, words: str, default: str) -> Field:
-    """Return a field of the blocks about waves in a simulated array."""
+    """Return a field of the blocks about waves in a simulated array, or at an edge."""
     name, own = key.split(".")
     read = wave_rules(name)[own]
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
@@ -118,22 +117,22 @@ FIELDS: tuple[Field, ...] = (
         kind=_unless_zero(PARTS["torsion"]),
     ),
     _part("bending", "stiffness of a contact against rolling, over k d²", "`0`", kind=_unless_zero(PARTS["bending"])),
-    Field("balls", "packing.kinds", crystals.BALLS, "kinds of balls by name, see [crystals](#crystals)", NEEDED),
+    Field("balls", "packing.kinds", rules.BALLS, "kinds of balls by name, see [crystals](#crystals)", NEEDED),
     *(
         Field(f"crystal.{key}", f"packing.{place}", kind, words, default)
         for key, place, kind, words, default in (
-            ("lattice", "lattice", crystals.STRUCTURE, "a lattice, or `NaCl`, `CsCl`, `zincblende`", "`cell` and `sites`"),
-            ("kinds", "order", crystals.ORDER, "names of kinds that follow each other on its sites", "all kinds in turn"),
-            ("cell", "cell", crystals.CELL, "vectors along which the crystal repeats, each a list of lengths", "`lattice`"),
-            ("sites", "sites", crystals.SITES, "a block `kind`, `at` for each ball: its kind, and its place", "`lattice`"),
-            ("repeat", "repeat", crystals.REPEAT, "cells of the supercell along each period", "one cell"),
-            ("cut", "cut", crystals.CUT, "block `axis`, `layers`, `edges` of a strip, slab or column, or a list", "none"),
-            ("replace", "replace", crystals.REPLACE, "numbers of balls, and the kinds that take their places", "none"),
-            ("remove", "remove", crystals.REMOVE, "numbers of balls that are taken out", "none"),
-            ("seed", "seed", crystals.SEED, "of the diameters, where kinds have a spread: `repeat` is then a sample", "`0`"),
-            ("law", "law", crystals.LAW, "the law of contacts, or a block of pairs of kinds with a law for each", "`hertz`"),
+            ("lattice", "lattice", rules.STRUCTURE, "a lattice, or `NaCl`, `CsCl`, `zincblende`", "`cell` and `sites`"),
+            ("kinds", "order", rules.ORDER, "names of kinds that follow each other on its sites", "all kinds in turn"),
+            ("cell", "cell", rules.CELL, "vectors along which the crystal repeats, each a list of lengths", "`lattice`"),
+            ("sites", "sites", rules.SITES, "a block `kind`, `at` for each ball: its kind, and its place", "`lattice`"),
+            ("repeat", "repeat", rules.REPEAT, "cells of the supercell along each period", "one cell"),
+            ("cut", "cut", rules.CUT, "block `axis`, `layers`, `edges` of a strip, slab or column, or a list", "none"),
+            ("replace", "replace", rules.REPLACE, "numbers of balls, and the kinds that take their places", "none"),
+            ("remove", "remove", rules.REMOVE, "numbers of balls that are taken out", "none"),
+            ("seed", "seed", rules.SEED, "of the diameters, where kinds have a spread: `repeat` is then a sample", "`0`"),
+            ("law", "law", rules.LAW, "the law of contacts, or a block of pairs of kinds with a law for each", "`hertz`"),
             ("friction", "friction", PARTS["friction"], "whether contacts resist shear", ""),
-            ("motions", "motions", crystals.MOTIONS, "how each ball moves, see [lattices](#lattices)", "as in `packing`"),
+            ("motions", "motions", rules.MOTIONS, "how each ball moves, see [lattices](#lattices)", "as in `packing`"),
             ("torsion", "torsion", PARTS["torsion"], "as in `packing`", "`0`"),
             ("bending", "bending", PARTS["bending"], "as in `packing`", "`0`"),
         )
@@ -151,14 +150,14 @@ FIELDS: tuple[Field, ...] = (
         "the number n of balls that lean on a side of that frame", "required with `side_force`",
     ),
     Field(
-        "load.stress", "load", crystals.tensor_kind("stress"),
+        "load.stress", "load", rules.tensor_kind("stress"),
         "of a crystal: the stress in Voigt order, or as a matrix; tension is positive", "one load is required",
     ),
     Field(
-        "load.strain", "load", crystals.tensor_kind("strain"),
+        "load.strain", "load", rules.tensor_kind("strain"),
         "of a crystal: the strain of its periods from where balls touch; extension is positive", "one load is required",
     ),
-    Field("load.times", "load", crystals.TIMES, "factors by which a stress or strain is multiplied", "`1`"),
+    Field("load.times", "load", rules.TIMES, "factors by which a stress or strain is multiplied", "`1`"),
     Field(
         "load.gravity", "load.gravity", rules.quantity(ACCELERATION),
         "of a crystal with a floor or clamp: the acceleration towards it, with another load or alone", "none",
@@ -199,6 +198,9 @@ FIELDS: tuple[Field, ...] = (
     _wave("pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"),
     _wave("pulse.ends", "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways", "`free`"),
     _wave("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
+    _wave("surface.axis", "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`", NEEDED),
+    _wave("surface.edge", "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)", "`free`"),
+    _wave("surface.points", "wave vectors between two corners of the path along the edge", "`31`"),
     Field(
         "phonopy.dim", "dim", rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
         "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
@@ -355,7 +357,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
                 place = ("crystal", step)
         raise document.error(place, str(error)) from None
     at = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
-    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], *_WAVES)  # waves through simulated arrays are those of packings
+    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")  # arrays are those of packings
     rest = {name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in unused}
     others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(others, rest, ("load",)) | {"packing": finite | {"arrangement": arrangement}}
@@ -421,8 +423,8 @@ def _find_lattice(data: Any) -> Lattice:
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: what an option of a medium may be that turns out to be wrong when it is carried out
 _ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
-#: the blocks of a scene file about waves in a simulated array, with their classes
-_WAVES = {"spectrum": SpectrumSettings, "pulse": PulseSettings}
+#: the blocks of a scene file about waves, with their classes
+_WAVES = {"surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings}
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
+from granphon.base.results import write_html
 from granphon.base.text import parse_yaml
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -37,13 +37,14 @@ class Scene(Plan):
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
         which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "spectrum", "pulse" to compute; the last two, and the density
-        of states of the array itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse" to compute; the last two, and
+        the density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
         for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
     mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
-        lattice; None for (1024,), (64, 64) or (32, 32, 32).
+        lattice; by default (1024,), (64, 64) or (32, 32, 32).
+    surface : the edge whose waves are found, if the scene observes them.
     spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
     dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.

@@ -45,6 +45,12 @@ Array = NDArray[np.float64]
 _MARGIN = 1.01
 #: relative difference of numbers that are equal but for rounding
 _ALIKE = 1e-12
+#: message of a network that static forces make unstable
+UNSTABLE = message(
+    "the network is not stable: a squared frequency is below zero",
+    "Its static forces exceed what its springs hold, so that it would buckle",
+    "Bring it to rest first, give its tangential_force if it has friction, or leave the static forces out (prestress=False)",
+)
 #: number of balls below which a sparse matrix is faster
 _LEAST_BALLS = 2500
 

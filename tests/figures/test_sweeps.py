@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.array.sample import STEP
 from granphon.base.errors import FigureError, InputError
-from granphon.figures.sweeps import plot_exponent, plot_sweep, sweep_figure
+from granphon.figures.curves import plot_exponent, plot_sweep, sweep_figure
 from granphon.runs.sweep import sweep
 from tests.figures.conftest import drawn, texts
 

@@ -211,11 +211,11 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
     ("lattice", "friction", "load", "observe", "phonopy"),
     [
         pytest.param("triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive),
-        ("triangular", "false", "5 N", "bands", "band_points: 600"),
+        ("triangular", "false", "5 N", "bands", "band_points: 300"),
         pytest.param("kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", "5 N", "dos", "mesh: 200 200 1", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive),
-        ("triangular", "true", "5 N", "bands", "dim: 24 24 1, band_points: 2"),
+        ("triangular", "true", "5 N", "bands", "dim: 16 16 1, band_points: 2"),
         pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
         ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
     ],

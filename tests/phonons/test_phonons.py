@@ -173,31 +173,6 @@ def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
     np.testing.assert_allclose(theirs, np.sort(np.pad(ours, ((0, 0), (still, 0))), axis=1), atol=1e-13 * ours.max())
 
 
-def test_closed_forms_of_a_chain():
-    ph = phonons_of("chain", "all")
-    q = np.linspace(0.0, 0.5, 7)
-    half = np.pi * q
-    found = (ph.frequencies(q[:, None]) / ph.scales.frequency) ** 2
-    # sound; twice the pair of transverse motion and rolling, of which one rolls without slip; torsion, without a cost
-    pair = ETA * (4.0 * np.sin(half) ** 2 + 10.0 * np.cos(half) ** 2)
-    expected = np.sort([4.0 * np.sin(half) ** 2, pair, pair, 0.0 * q, 0.0 * q, 0.0 * q], axis=0).T
-    np.testing.assert_allclose(found, expected, atol=1e-14)
-
-
-def test_closed_forms_of_cubic_crystals():
-    for lattice, spin in (("sc", 20.0), ("bcc", 80.0 / 3.0), ("fcc", 40.0)):
-        ph = phonons_of(lattice)
-        at_gamma = (ph.frequencies([[0, 0, 0]]) / ph.scales.frequency) ** 2
-        np.testing.assert_allclose(at_gamma[0], [0.0, 0.0, 0.0, *[spin * ETA] * 3], atol=1e-12)
-    simple = phonons_of("sc")
-    at_corner = (simple.frequencies([[0.5, 0.5, 0.5]]) / simple.scales.frequency) ** 2
-    np.testing.assert_allclose(at_corner[0], [0.0, 0.0, 0.0, *[4.0 + 8.0 * ETA] * 3], atol=1e-12)
-    smooth = phonons_of("fcc", friction=False)
-    points = smooth.special_points
-    found = (smooth.frequencies([points["X"], points["L"]]) / smooth.scales.frequency) ** 2
-    np.testing.assert_allclose(found, [[4.0, 4.0, 8.0], [2.0, 2.0, 8.0]], rtol=1e-13)
-
-
 @pytest.mark.parametrize("lattice", ["chain", "triangular", "fcc", "hcp"])
 def test_group_velocities_are_slopes(lattice):
     ph = phonons_of(lattice, "all", **RESISTED)

@@ -697,7 +697,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [
-        ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.figures.curves.sweep_figure", KeyboardInterrupt(), 130),
         ("granphon.runs.dataset._write_rows", OSError(28, "No space left on device"), 1),
     ],
 )
@@ -915,7 +915,7 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     scene = Scene.from_text(text)
     assert scene.has_tasks
     run = SweepRun.of(scene.case_grid)
-    state, expected = run.cases[0].restore(run.do()), scene.state()
+    state, expected = run.grid.cases[0].restore(run.do()), scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
