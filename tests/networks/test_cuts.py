@@ -122,6 +122,25 @@ def test_bands_of_a_cut_against_the_energy_of_its_pairs(lattice, axis, layers):
     assert_allclose(squares(cut, [q])[0], expected, atol=1e-12 * expected[-1])
 
 
+@pytest.mark.parametrize("axis", [(1, 1, 1), (1, 1, 2)])
+def test_sites_of_a_cell_that_lie_several_layers_apart(axis):
+    # of NaCl's primitive cell, whose second site lies 1.5 and 2 layers above the first
+    crystal = gp.Crystal.on("NaCl", [BALL, BALL], friction=True)
+    network = crystal.at_force(10.0).network
+    cut = network.cut(axis, 5)
+    q = np.array([0.31, 0.17])
+    expected = twin(cut, 2.0 * np.pi * np.linalg.inv(cut.cell[:2, :2]) @ q)
+    assert_allclose(squares(cut, [q])[0], expected, atol=1e-12 * expected[-1])
+    heights = cut.positions[:, 2].reshape(5, 2)
+    assert np.all(np.ptp(heights, axis=1) < heights[1, 0] - heights[0, 0])
+    assert_allclose(np.sort(crystal.cut(axis, 5).positions[:, 2]), np.sort(heights.ravel()), atol=1e-12 * D)
+    # a thick slab has the waves of the half space, twice
+    waves = gp.Surface(network, axis).branches([q])
+    slab = gp.Phonons(network.cut(axis, 24)).frequencies([q])[0]
+    for one in waves.frequencies[waves.weight > 0.5]:
+        assert np.min(np.abs(slab / one - 1.0)) < 1e-6
+
+
 @pytest.mark.parametrize("layers", [3, 9])
 def test_balls_that_stick_out_of_a_turned_slab(layers):
     # some motions have coefficients that are nothing but rounding, and the slab has many that cost nothing
