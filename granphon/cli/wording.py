@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.notebook import describe_value
 from granphon.base.quantities import load_quantities
+from granphon.base.results import describe_value
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 

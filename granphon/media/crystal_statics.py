@@ -82,6 +82,8 @@ _RELAXED = 1e-12
 _ROUNDED = 4e-16
 #: most iterations of conjugate gradients in one step
 _ITERATIONS = 4000
+#: factors by which stiffnesses of contacts, and forces of a load, may differ where a crystal does not come to rest
+_MOST_STIFF, _MOST_FORCES = 1e10, 1e6
 #: most contacts for which a load that is not borne is explained
 _MOST_EXPLAINED = 20_000
 
@@ -362,14 +364,14 @@ def _find_length(
         room = (overlap - springs.least)[apart] / -change[apart]
         most = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
 
-    def slope(length: float) -> float:
-        return float((springs.force(overlap + length * change) - force) @ change) - fall
-
     length, low, high = min(1.0, most), 0.0, math.inf
     if fall <= 0.0:  # the rounding of a state at rest
         return length
     for _ in range(_SLOPES):
-        here = slope(length)
+        there = springs.force(overlap + length * change)
+        here = float((there - force) @ change) - fall
+        if not np.any(there) and np.any(force):  # under a load that is small against the forces before it
+            here = math.inf
         if abs(here) <= 0.1 * fall or (residual < 1e-6 and length == 1.0 and here <= fall):
             return length
         if here < 0.0:
@@ -831,10 +833,19 @@ def _explain(
         )
     size = typical_force(frame, push, springs)
     with np.errstate(all="ignore"):
-        reached = np.all(np.isfinite(springs.overlap(np.full(springs.count, size))))
-    if not reached:
+        reached = springs.overlap(np.full(springs.count, size))
+        stiffness = springs.stiffness(reached)
+    if not np.all(np.isfinite(reached)):
         why = f"They are about {size:.4g} N, and the law has no overlap at that force"
         mend = "Lower the load, or give a law whose force grows on"
         return InputError(message(f"a contact law does not reach the forces under {push.words}", why, mend))
+    loads = np.abs(push.force * frame.weights)
+    for what, values, most in (
+        ("the stiffnesses of contacts", stiffness, _MOST_STIFF), ("the forces of the load on balls", loads, _MOST_FORCES),
+    ):  # fmt: skip
+        if np.any(values) and (apart := float(np.max(values) / np.min(values[values > 0.0]))) > most:
+            what = f"the crystal has not come to rest under {push.words}, where {what} differ by a factor of {apart:.2g}"
+            why = f"A factor of up to {most:g} can be told from rounding"
+            return InputError(message(what, why, "Compare the units, or leave the smaller ones out"))
     left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
     return ConvergenceError(message(f"the crystal has not come to rest under {push.words}", left))

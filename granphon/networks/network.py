@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_table import require_joined
+from granphon.balls.contact_table import TOUCH, require_joined
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
@@ -451,9 +451,13 @@ class ContactNetwork(Result):
         sites, shift = self.positions.copy(), self.shift[:, periods]
         sites[:, :d], shift = cut.gather(sites[:, :d], self.i, self.j, shift, np.isinf(self.radii))
         _, rise = cut.split(shift)
-        if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
+        reach, height = int(np.max(np.abs(rise), initial=0)), float(stack[p])
+        # a large cell, as that of a sample, is a layer of many rows, which hang together by themselves
+        furthest = float(np.max(np.abs(self.vector @ turn.T[:, p])[rise != 0], initial=0.0))
+        if furthest >= (1.0 - TOUCH) * count * height:
+            least = int((1.0 + TOUCH) * furthest / height) + 1
             what = f"some contacts reach across {counted(count, 'layer')}"
-            raise InputError(message(what, "None of them would be left", f"Give {reach + 1} layers or more"))
+            raise InputError(message(what, "None of them would be left", f"Give {least} layers or more"))
         # contacts of the layers and of those beyond, numbered from the lower face; one end of those that are cut is outside
         i, j, row, inner = cut.unfold(self.i, self.j, shift, n, count + 2 * reach)
         i, j, total = i - reach * n, j - reach * n, n * count

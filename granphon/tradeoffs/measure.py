@@ -37,8 +37,7 @@ from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
-from granphon.tradeoffs.ensemble import QUANTITIES
-from granphon.tradeoffs.study import SECONDS, Deadline, MediaStudy, Point, Reference, Stopwatch
+from granphon.tradeoffs.study import QUANTITIES, SECONDS, Deadline, MediaStudy, Point, Reference, Stopwatch
 
 Array = NDArray[np.float64]
 #: a reference can judge a point if the error of the point is at least this many times that of the reference

@@ -19,9 +19,8 @@ from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
 from granphon.dynamics.contact_lattice import Modes
 from granphon.media.sampled_state import SampledState
-from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
-from granphon.observables.velocities import AveragedModuli, Moduli, SoundVelocities
+from granphon.observables.velocities import AveragedModuli, Moduli, PulseVelocities, SoundVelocities
 from granphon.waves.chebyshev import Refinable
 
 
@@ -204,7 +203,7 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
-    from granphon.runs.samples import SampleRecord
+    from granphon.runs.tasks import SampleRecord
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
     from granphon.waves.path_spectra import find_path_spectra
 

@@ -852,6 +852,16 @@ ERRORS = {
         lambda: gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(20.0),
         "a contact law does not reach the forces under a mean force of 20 N.* about 20 N",
     ),
+    "moduli apart": (
+        lambda: gp.Crystal.on("chain", [PLAIN, PLAIN, gp.Ball(gp.Material(2e-7, 0.3, 8000.0), 8e-3)]).at_pressure(1e-6),
+        "stiffnesses of contacts differ by a factor of .* up to 1e.10",
+    ),
+    "weights apart": (
+        lambda: gp.Crystal.on("fcc", [PLAIN]).repeat((3, 3, 1)).cut((1, 1, 1), 4, ("floor", "free")).at_pressure(
+            3e4, gravity=(0.0, 0.0, -1e-9)
+        ),
+        "the forces of the load on balls differ by a factor of .* up to 1e.06",
+    ),
     "vector": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G), "gravity has the shape"),
     "axis": (lambda: SQUARE.cut(2, 3), "axis is 2. Give the number of a vector of the cell, 0 to 1"),
     "edges": (lambda: SQUARE.cut(0, 3, "glued"), "Give 'free', 'clamped' or 'floor'"),

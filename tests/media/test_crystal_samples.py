@@ -154,6 +154,12 @@ def test_means_are_over_all_contacts_and_are_met(follows):
     assert_allclose(np.mean(state.overlap), 1e-6, rtol=2e-11)
 
 
+@pytest.mark.parametrize("lattice", ["fcc", "hcp"])
+def test_a_mean_overlap_is_found_from_far_away(lattice):
+    state = gp.Crystal.on(lattice, [BALL]).sample((4, 4, 4), seed=1).at_overlap(2e-7)
+    assert_allclose(np.mean(state.overlap), 2e-7, rtol=2e-11)
+
+
 def test_a_sample_of_many_balls_does_not_drift():
     crystal = gp.Crystal.on("triangular", [BALL]).sample((34, 34))
     state = crystal.at_overlap(1e-6)

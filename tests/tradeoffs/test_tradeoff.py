@@ -25,9 +25,8 @@ from granphon.cli.wording import describe_tradeoff
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
 from granphon.runs.store import encode, open_store
 from granphon.tradeoffs import measure as tradeoffs
-from granphon.tradeoffs.ensemble import observe
 from granphon.tradeoffs.measure import BETTER, carry_out, tradeoff
-from granphon.tradeoffs.study import Deadline, MediaStudy, Point, Reference, Stopwatch
+from granphon.tradeoffs.study import Deadline, MediaStudy, Point, Reference, Stopwatch, observe
 from tests.conftest import only
 
 WIDTH = 2.04e-6
