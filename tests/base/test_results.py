@@ -203,7 +203,7 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
-    from granphon.runs.samples import SampleRecord
+    from granphon.runs.tasks import SampleRecord
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
     from granphon.waves.path_spectra import find_path_spectra
 
