@@ -59,6 +59,7 @@ from .phonons.bands import Bands as Bands
 from .phonons.bands import PhononModes as PhononModes
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms
+from .phonons.complex_bands import ComplexBands as ComplexBands
 from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
@@ -77,6 +78,10 @@ from .waves.modes import NetworkModes as NetworkModes
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.spectral_functions import SpectralFunction as SpectralFunction
+from .waves.transmission import ScatteringLengths as ScatteringLengths
+from .waves.transmission import Transmission as Transmission
+from .waves.transmission import scattering_lengths as scattering_lengths
+from .waves.transmission import transmission as transmission
 from .waves.waves import Waves as Waves
 
 __version__: str

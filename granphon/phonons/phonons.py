@@ -26,10 +26,12 @@ from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.media.network_state import as_state, given_state
 from granphon.media.state import State
+from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
 from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
+from granphon.phonons.complex_bands import ComplexBands, find_complex_bands
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
@@ -288,6 +290,28 @@ class Phonons:
             self.scales, self._find_warnings(q.reshape(-1, d), modes.frequencies), self.lattice.motions,
             tuple(self._repeats.tolist()), self.state.kinds, self.lattice.gyration,
         )  # fmt: skip
+
+    def complex_bands(
+        self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: float = 0.0,
+        tangential_damping: float | None = None, loss_factor: float = 0.0,
+    ) -> ComplexBands:  # fmt: skip
+        """Return all wave numbers across the layers at given frequencies, those of waves that decay included.
+
+        Parameters
+        ----------
+        frequencies : (n_f,) Hz, above zero.
+        axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of other ``atoms``.
+        q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
+        damping, tangential_damping : s, viscosity over stiffness of each contact, in normal motion and in all other, as in
+            :meth:`Waves.transmit`; the second is by default the first.
+        loss_factor : part of the stiffness of each contact that loses energy at any frequency.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
+        """
+        network = given_network(self.state)
+        if len(self.atoms) != int(np.count_nonzero(network.moving)):
+            raise InputError(message("other atoms than those of the state", mend="Give the network of the larger cell"))
+        return find_complex_bands(network, frequencies, axis, q, damping, tangential_damping, loss_factor)
 
     def dos(
         self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",
