@@ -414,12 +414,13 @@ class Crystal:
         words, layering = read_edges(edges), Layers.across(axis, self.cell)
         p, d, n, table, turn = self.periods, self.dimension, self.n_balls, self.contacts, layering.turn
         level, stack = np.arange(count), layering.stack
-        i, j, row, shift = layering.unfold(table.i, table.j, table.shift, n, count)
+        sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
+        i, j, row, shift = layering.unfold(table.i, table.j, shift, n, count)
         normal, vector = table.normal @ turn.T, table.vector @ turn.T
         contacts = ContactTable(
             *map(read_only, (i, j, shift)), *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
         )  # fmt: skip
-        positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
+        positions = ((sites @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
         kind, a = np.tile(self.kind, count), p - 1
         radii = np.tile(self._mean_radii, count)
         faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
