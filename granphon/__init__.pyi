@@ -36,6 +36,7 @@ from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
+from .media.limits import Check as Check
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
@@ -46,7 +47,6 @@ from .media.state import ContactState as ContactState
 from .networks.network import ContactNetwork as ContactNetwork
 from .observables.pulses import PulseVelocities as PulseVelocities
 from .observables.pulses import pulse_velocities as pulse_velocities
-from .observables.validity import Check as Check
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
 from .observables.velocities import AveragedModuli as AveragedModuli
