@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
 from granphon.base.errors import InputError, brief, message
-from granphon.base.notebook import write_html
-from granphon.base.results import read_only
+from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
 from granphon.base.validation import label, real_array, require
 

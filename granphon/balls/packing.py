@@ -16,7 +16,7 @@ from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief, message
-from granphon.base.notebook import write_html
+from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import not_negative, positive, require, truth
 

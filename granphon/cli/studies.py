@@ -126,7 +126,7 @@ def fit_measurements(
     )  # fmt: skip
 
     def figure(_: str) -> Any:
-        from granphon.figures.fits import fit_figure  # here, so that a failed import counts as a failed figure
+        from granphon.figures.curves import fit_figure  # here, so that a failed import counts as a failed figure
 
         return fit_figure(found)
 

@@ -421,8 +421,9 @@ class Crystal(Result):
         words, layering = read_edges(edges), Layers.across(axis, self.cell)
         d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
         turn, stack = layering.turn, layering.stack
-        i, j, rows, shift = layering.unfold(table.i, table.j, table.shift, n, count)
-        positions = ((self.positions @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, d)
+        sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
+        i, j, rows, shift = layering.unfold(table.i, table.j, shift, n, count)
+        positions = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, d)
         origin = np.tile(np.arange(n), count)
         outer = find_faces(positions[:, a], self._mean_radii[origin], words, n)
         other = self._take(origin, table.take(rows, i, j, shift, turn), positions, cell=layering.cell)

@@ -17,7 +17,7 @@ from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
 from granphon.media.loaded_lattice import ideal_lattice
-from granphon.media.network_state import NetworkState, as_state
+from granphon.media.network_state import as_state
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import State
 from granphon.networks.network import ContactNetwork
@@ -110,7 +110,7 @@ def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]
 
 
 def _compute_validity(state: Any) -> Validity:
-    if isinstance(state, NetworkState):
+    if not state.follows_law:
         return check_network(state.network)
     material, d = state.packing.material, state.packing.diameter
     lattice = state.loaded_lattice.without_overlap

@@ -77,8 +77,8 @@ def atoms(state: Any) -> Atoms:
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
-    found = as_state(state)
-    if isinstance(found, NetworkState):
+    found: Any = as_state(state)
+    if not found.follows_law:
         return _make_network_atoms(found)
     state = given_state(found)
     scales, lattice = state.scales, state.packing.structure

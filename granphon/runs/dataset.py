@@ -33,12 +33,12 @@ from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.execution import solve_all
-from granphon.runs.samples import SampleRecord
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,
     Grid,
+    SampleRecord,
     drop_marks,
     explain_end,
     find_reached,

@@ -17,31 +17,36 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.equilibrium import Equilibrium
+from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
+from granphon.array.sample import Sample
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError, message
-from granphon.base.results import plain
+from granphon.base.results import plain, read_only
 from granphon.base.text import counted
 from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
 from granphon.media.limits import Check
+from granphon.media.sampled_state import HISTORY_UNITS
 from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
-from granphon.runs.samples import SampleRecord, keep_balls, restore_sample
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import SurfaceSettings, WaveSettings
@@ -55,6 +60,17 @@ LATTICE_BANDS = (
 )
 #: in a result: places of the loads that were not reached, why the path ended, and the place of the load at which it did
 _MARKS = _MISSED, _WHY, _AT = "path.missed", "path.why", "path.at"
+#: numbers of any sample that its state averages
+_AVERAGED = (
+    "force", "boundary_force", "overlap", "normal_stiffness", "force_fluctuation", "contact_force_fluctuation",
+    "elastic_tensor",
+)  # fmt: skip
+#: what the names of numbers of waves begin with in the result of a task
+_WAVES = "waves."
+#: what the names of arrays of the balls begin with in the result of a task
+_BALLS = "balls."
+#: what of an equilibrium is not kept: the sample is drawn again from its seed
+_DRAWN = ("deviations", "lattice")
 #: version of the format of a sweep, attribute "schema" of its file; files of another one are refused
 SWEEP_SCHEMA = 1
 #: attribute of a data set that says why it lacks loads
@@ -515,6 +531,80 @@ class SampleTask(MediumTask):
         asked = self.asked
         found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
         return found | keep_balls(samples[0]) if asked.alone else found
+
+
+class SampleRecord(SimpleNamespace):
+    """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
+
+    It stands where the state has samples. ``fraction`` is the sample's ``contact_fraction()``, and ``of_waves`` what
+    :func:`~granphon.runs.wave_records.record_waves` found of its waves, if anything was asked for. Numbers of a history of
+    friction, and tensors at neighbouring loads, are there where the sample has them.
+    """
+
+    @classmethod
+    def of(
+        cls, sample: Sample | PressedSample, waves: WaveSettings | None = None, exponents: bool = True, whole: bool = False
+    ) -> Self:
+        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
+
+        There are tensors at neighbouring loads for ``exponents`` of balls that differ. With ``whole`` the waves themselves
+        are kept too.
+        """
+        found: dict[str, Any] = {}
+        if waves is not None:
+            from granphon.runs.wave_records import record_waves  # imported here: a sweep without waves does not need it
+
+            found = record_waves(sample, waves, whole)
+        beside = ("elastic_tensors_beside",) * bool(exponents and sample.packing.spread_matters)
+        names = (*_AVERAGED, *beside, *(name for name in HISTORY_UNITS if hasattr(sample, name)))
+        numbers = {name: getattr(sample, name) for name in names}
+        return cls(**numbers, fraction=sample.contact_fraction(), of_waves=found)
+
+    @classmethod
+    def from_part(cls, part: TaskResult, index: int) -> Self:
+        """Take the record at one of the loads from the result of a task."""
+        numbers = {name: value[index] for name, value in part.items()}
+        waves = {name.removeprefix(_WAVES): value for name, value in numbers.items() if name.startswith(_WAVES)}
+        return cls(**{name: value for name, value in numbers.items() if "." not in name}, of_waves=waves)
+
+    @classmethod
+    def to_part(cls, records: Sequence[Self]) -> TaskResult:
+        """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
+        rows = [vars(one) | {_WAVES + name: value for name, value in one.of_waves.items()} for one in records]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "of_waves"}
+
+    def contact_fraction(self) -> float:
+        """Return the fraction of the contacts that carry load, N_c / 6 on the triangular lattice."""
+        return float(self.fraction)
+
+
+def keep_balls(sample: Sample | PressedSample) -> TaskResult:
+    """Return the balls of a sample at rest as arrays, each after an axis of one load."""
+    rest = sample.equilibrium
+    found = {name: np.asarray(getattr(rest, name)) for name in _list_kept(type(rest))}
+    if not isinstance(sample, PressedSample):  # after a history they follow from the elastic tensors
+        found["derivatives"] = np.array([rest.stiffness, rest.stiffness_slope])
+    return {_BALLS + name: value[None] for name, value in found.items()}
+
+
+def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | PressedSample:
+    """Return the one sample of a simulation, with what a task has found of it and its balls."""
+    packing, seed, history = simulation.packing, simulation.seed_of(0), simulation.history
+    kind = PressedEquilibrium if history.is_loaded else TrueEquilibrium if simulation.ratio else Equilibrium
+    given: dict[str, Any] = {name: part[_BALLS + name][0] for name in _list_kept(kind)}
+    rest: Any = kind(deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given)
+    if not history.is_loaded:
+        vars(rest)["_derivatives"] = tuple(part[_BALLS + "derivatives"][0].tolist())
+        sample: Sample | PressedSample = Sample(packing, seed, rest)
+    else:
+        sample = PressedSample(packing, seed, rest, history.shear_response)
+    vars(sample).update({name: one[0] for name, one in part.items() if name.startswith("elastic_")})
+    return sample
+
+
+def _list_kept(kind: type[Equilibrium]) -> list[str]:
+    """Return the names of the fields of an equilibrium that are kept."""
+    return [one.name for one in fields(kind) if one.name not in _DRAWN]
 
 
 # -- paths of loads that end early -----------------------------------------------------------------------------------

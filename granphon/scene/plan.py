@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
+from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
 from granphon.base.progress import Progress, silent
@@ -31,10 +31,9 @@ from granphon.media import cost as costs
 from granphon.media.arrangement import Arrangement
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_medium, no_simulation
 from granphon.media.cost import Cost
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.phonons.paths import BandPath, read_paths
+from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
@@ -152,7 +151,7 @@ class Plan:
     direction: tuple[Any, ...] | None = None
     band: BandPath | None = None
     band_points: int = 101
-    mesh: tuple[int, ...] | None = None
+    mesh: tuple[int, ...] = ()  # the default of the lattice
     dim: tuple[int, ...] | None = None
     surface: SurfaceSettings | None = None
     spectrum: SpectrumSettings = _SPECTRUM
@@ -168,8 +167,8 @@ class Plan:
         lattice = rules.choose_lattice(self.packing.structure, swept)
         if lattice != self.packing.structure:
             object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
-        if self.mesh is None:
-            object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
+        if not self.mesh:
+            object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
         if isinstance(self.media, tuple | list) and not self.media:
             object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
         at = Context(lattice, written=False, kinds=self.packing.kind_names)
@@ -189,11 +188,6 @@ class Plan:
     def path(self) -> BandPath:
         """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
         return BandPath.default(self.packing.structure) if self.band is None else self.band
-
-    @property
-    def grid(self) -> tuple[int, ...]:
-        """Numbers of wave vectors for the density of states; never None, unlike the argument ``mesh``."""
-        return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
 
     @property
     def directions(self) -> tuple[tuple[float, ...], ...]:
@@ -264,7 +258,7 @@ class Plan:
         if self.surface is not None and "surface" in seen:
             axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
             rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
-        rows += [("mesh", " x ".join(map(str, self.grid)), "")] * ("dos" in seen)
+        rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
 
     @cached_property
@@ -568,7 +562,7 @@ class Plan:
         if "bands" in seen:
             out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
         if "dos" in seen:
-            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(self.grid, branches)))
+            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(self.mesh, branches)))
         out.append(waves)
         if seen and self.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
@@ -642,7 +636,9 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
     packing, structure = medium.packing, medium.packing.structure
     contacts = len(structure.contacts) / structure.n_balls
     rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
-    waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
+    # each point of the path becomes the nearest wave vector that the array has, of which there are so many along a leg
+    points = 0 if wanted.spectrum is None else min(wanted.spectrum.points - 1, max(medium.cells))
+    waves = points * sum(len(piece) - 1 for piece in wanted.path)
     for force in costs.find_typical_force(packing, load).tolist():
         ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
@@ -660,20 +656,3 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
             heard = steps * medium.balls / min(medium.cells)
             readings = READINGS * pulse.frequency * lasting * heard * medium.samples
         yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
-
-
-def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:
-    """Return the number of wave vectors of an array's cell that a spectrum has: points of the path may share one."""
-    from granphon.waves.path_spectra import find_path_points  # imported here: a scene without waves does not need it
-    from granphon.waves.plane_waves import PeriodicCell
-
-    packing, structure = medium.packing, medium.packing.structure
-    assert wanted.spectrum is not None
-    p, cell = structure.periods, np.zeros((3, 3))
-    cell[:p, :p] = packing.diameter * structure.vectors[:, :p] * np.array(medium.cells)[:, None]
-    own = PeriodicCell(cell, (p > 0, p > 1, p > 2), structure.dimension)
-    lattice = ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None)
-    try:
-        return len(find_path_points(own, lattice, packing.diameter, wanted.path, wanted.spectrum.points).q)
-    except InputError:  # the array has none, which a run refuses
-        return 0

@@ -98,7 +98,7 @@ def redraw(
 
             return plot(read_waves(source / f"{wave}.json"))
         if fitted and not swept:
-            from granphon.figures.fits import fit_figure
+            from granphon.figures.curves import fit_figure
             from granphon.fits.fit import WidthFit
 
             return fit_figure(WidthFit.from_dict(read_yaml(have["fit.yaml"])))

@@ -7,7 +7,6 @@ data that the reader turns into the same value, to the last bit.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -35,9 +34,9 @@ from granphon.base.quantities import (
     LOADS,
     MASS,
     MODULUS,
-    NUMBER,
     WIDTH,
     Quantity,
+    fraction,
     load_quantities,
     tensor_quantities,
 )
@@ -67,8 +66,6 @@ SCENE_SCHEMA = 1
 OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse")
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
-#: the mesh of a density of states for one, two and three periods, if a scene gives none
-MESHES = ((1024,), (64, 64), (32, 32, 32))
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
 MOST_DIAMETERS = 1000
@@ -239,7 +236,9 @@ def is_long(given: Any) -> bool:
 def read_lattice(value: Any) -> str | Lattice:
     """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as several are called so."""
     if isinstance(value, dict):  # one ball at the origin if the sites are left out
-        rows = partial(each, rule=partial(each, rule=_read_fraction, what="numbers"), what="lists of numbers")
+        rows = partial(
+            each, rule=partial(each, rule=partial(fraction, largest=1e3), what="numbers"), what="lists of numbers"
+        )
         given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
         with refusing(given["name"], "a lattice of balls that touch and do not overlap"):
             return Lattice(**given)
@@ -258,13 +257,6 @@ def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
     if LATTICES.get(structure.name) == structure:
         return structure.name
     return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
-
-
-def _read_fraction(value: Any) -> float:
-    """Read a plain number, or a fraction such as "1/3"."""
-    if isinstance(value, str) and (parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)):
-        return int(parts[1]) / int(parts[2])
-    return number(value, -1e3, 1e3)
 
 
 def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
@@ -461,8 +453,7 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
         path = (place,) if many else ()
         words = one.split() if isinstance(one, str) else one if isinstance(one, list | tuple) else [one]
         try:
-            numbers = [float(word) if isinstance(word, str) and re.fullmatch(NUMBER, word) else word for word in words]
-            found.append(tuple(map(_read_fraction, numbers)))
+            found.append(tuple(fraction(word, 1e3) for word in words))
             seen.append(as_direction(found[-1], p).tolist())
         except InputError:
             raise Refused(show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path) from None
@@ -692,27 +683,23 @@ def tensor_kind(name: str) -> Kind:
     def write(load: Any, at: Context) -> Any:
         if load.kind != name:
             return None
-        size = load.values[0] if load.size == 1 else 1.0
-        plain = tuple(one * size for one in load.tensor)
-        most = max(map(abs, plain))
-        if tuple(one / most for one in plain) != load.tensor:  # to the last bit: the tensor of size one, and its size
-            plain = load.tensor
+        plain = _join_tensor(load) or load.tensor
         return [*plain] if name == "strain" else [tensor_quantities(at.lattice.periods)[name].write(one) for one in plain]
 
     return Kind(read, write)
 
 
-def _write_times(load: Any) -> Any:
-    if load.tensor is None:
-        return None
-    written = tuple(one * load.values[0] for one in load.tensor)
-    most = max(map(abs, written))
-    if load.size == 1 and tuple(one / most for one in written) == load.tensor:
-        return None
-    return write_values(load.values, float)
+def _join_tensor(load: Any) -> tuple[float, ...] | None:
+    """Return the tensor of a single load; None for several, and where it would not be split again to the last bit."""
+    plain = tuple(one * load.values[0] for one in load.tensor)
+    most = max(map(abs, plain))
+    return plain if load.size == 1 and tuple(one / most for one in plain) == load.tensor else None
 
 
-TIMES = Kind.plain(lambda value: read_values(value, above_zero), _write_times)
+TIMES = Kind.plain(
+    lambda value: read_values(value, above_zero),
+    lambda load: None if load.tensor is None or _join_tensor(load) else write_values(load.values, float),
+)
 
 
 def split_tensor(found: Mapping[str, Any]) -> dict[str, Any]:

@@ -43,8 +43,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
+from granphon.base.results import write_html
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, read_yaml, require_schema, versions
@@ -54,9 +54,9 @@ from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entr
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.dataset import SweepRun, load_sweep, write_sweep, write_waves
-from granphon.runs.samples import SampleRecord
 from granphon.runs.store import TaskResult, open_store
 from granphon.runs.sweep import keep_incomplete
+from granphon.runs.tasks import SampleRecord
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -427,7 +427,7 @@ def _describe_alone(
             bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
     if "dos" in scene.observe:
         with progress.step("density of states"):
-            dos = phonons.dos(mesh=scene.grid)
+            dos = phonons.dos(mesh=scene.mesh)
     if "gaps" in scene.observe:
         with progress.step("gaps"):
             gaps = phonons.gaps()

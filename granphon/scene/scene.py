@@ -11,8 +11,8 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
+from granphon.base.results import write_html
 from granphon.base.text import parse_yaml
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -43,7 +43,7 @@ class Scene(Plan):
         for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
     mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
-        lattice; None for (1024,), (64, 64) or (32, 32, 32).
+        lattice; by default (1024,), (64, 64) or (32, 32, 32).
     surface : the edge whose waves are found, if the scene observes them.
     spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
     dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.

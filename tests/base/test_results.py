@@ -19,9 +19,8 @@ from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
 from granphon.dynamics.contact_lattice import Modes
 from granphon.media.sampled_state import SampledState
-from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
-from granphon.observables.velocities import AveragedModuli, Moduli, SoundVelocities
+from granphon.observables.velocities import AveragedModuli, Moduli, PulseVelocities, SoundVelocities
 from granphon.waves.chebyshev import Refinable
 
 
@@ -204,7 +203,7 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
-    from granphon.runs.samples import SampleRecord
+    from granphon.runs.tasks import SampleRecord
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
     from granphon.waves.path_spectra import find_path_spectra
 
@@ -218,7 +217,7 @@ def every(packing, results):
     # records stand where samples do, at all loads and at one
     assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (tuple(records), tuple(records[2:]), records[2])
     phonons = gp.Phonons(results["state"])
-    point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
+    point = MeasuredPoint("ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     history = {"friction_history": True, "friction_coefficient": 0.3, "step_tolerance": 1.0}
     pressed = gp.DirectSimulation(spread, (4, 4), seed=1, **history).at_force(5.0).sample
     exact = gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact").at_force(5.0).sample.equilibrium
@@ -229,7 +228,7 @@ def every(packing, results):
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
         fit_width(spread, force, gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal, 2.0),
-        point, TradeOff((point,), "force", (1.0,), {"media": ("velocities",)}, {"media": "x"}, 5, 1.0, 2.0),
+        point, TradeOff((point,), "force", (1.0,), ("velocities",), "x", 5, 1.0, 2.0),
     ]  # fmt: skip
     found.append(next(result.waves for result in found if hasattr(result, "waves")))
     waves = gp.Waves(simulated.samples[0])

@@ -63,7 +63,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, phonopy"
+TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, surface, phonopy"
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 

@@ -17,7 +17,7 @@ from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands, pl
 from granphon.figures.curves import sweep_figure
 from granphon.figures.modes import animate_mode, plot_mode
 from granphon.figures.views import Painter, View
-from granphon.phonons.zones import zone_faces
+from granphon.phonons.paths import zone_faces
 from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)

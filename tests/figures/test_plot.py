@@ -23,7 +23,7 @@ from granphon.figures import bands as plot
 from granphon.figures import scales, style, zones
 from granphon.figures.curves import sweep_figure
 from granphon.figures.modes import plot_mode
-from granphon.phonons.zones import zone_polygon
+from granphon.phonons.paths import zone_polygon
 from tests.figures.conftest import assert_inside_page, with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)

@@ -19,13 +19,11 @@ import granphon as gp
 from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.text import plain_yaml
-from granphon.fits.fit import WidthFit, convert_pressure, fit_width
-from granphon.fits.goodness import compute_leverages, find_rounding
+from granphon.fits.fit import WidthFit, compute_leverages, convert_pressure, find_rounding, fit_width
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
-from granphon.observables.pulses import pulse_velocities
-from granphon.observables.velocities import sound_velocities
+from granphon.observables.velocities import pulse_velocities, sound_velocities
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 #: the fit of Section IV, at forces of its range
@@ -716,7 +714,7 @@ def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor):
 
 
 def test_parameters_that_do_not_settle_are_refused(monkeypatch):
-    monkeypatch.setattr("granphon.fits.least_squares._MOST_SIMULATED", 1)
+    monkeypatch.setattr("granphon.fits.fit._MOST_SIMULATED", 1)
     given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
     with pytest.raises(InputError, match=r"width still changed after 1 .*Give the simulation more balls"):
         fit_width(BALLS, HIGH[4:], velocities(WIDE, given, HIGH[4:]), 1.0, medium=given)

@@ -26,7 +26,7 @@ from granphon.dynamics.tensors import symmetrise
 from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
-from granphon.runs.samples import SampleRecord
+from granphon.runs.tasks import SampleRecord
 from granphon.scene.redraw import read_run, redraw
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

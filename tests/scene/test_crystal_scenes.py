@@ -51,7 +51,7 @@ def read_summary(folder: Path):
 def test_a_scene_names_every_lattice(name):
     scene = read(f"lattice: {name}", rest="observe: [bands]")
     assert scene.packing.structure == LATTICES[name]
-    assert len(scene.grid) == LATTICES[name].periods
+    assert len(scene.mesh) == LATTICES[name].periods
     assert scene.path == BandPath.default(LATTICES[name])
     assert Scene.from_text(scene.to_yaml()) == scene
 
@@ -99,7 +99,7 @@ def test_a_pressure_has_the_unit_of_the_dimension(lattice, load, force):
 )  # fmt: skip
 def test_meshes_and_supercells_have_the_numbers_of_the_dimension(lattice, mesh, dim, found):
     scene = read(f"lattice: {lattice}", rest=f"phonopy: {{mesh: {mesh}, dim: {dim}}}")
-    assert (scene.grid, scene.dim) == found
+    assert (scene.mesh, scene.dim) == found
     assert Scene.from_text(scene.to_yaml()) == scene
 
 
@@ -481,9 +481,9 @@ def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     text = Path("scene.yaml").read_text()
     scene = Scene.from_text(text)
     # as it is, but on fewer points
-    points, mesh = f"band_points: {scene.band_points}", " ".join(map(str, scene.grid))
+    points, mesh = f"band_points: {scene.band_points}", " ".join(map(str, scene.mesh))
     assert f"mesh: {mesh}" in text
-    coarse = " ".join(["6"] * len(scene.grid))
+    coarse = " ".join(["6"] * len(scene.mesh))
     Path("small.yaml").write_text(text.replace(points, "band_points: 3").replace(f"mesh: {mesh}", f"mesh: {coarse}"))
     assert main(["run", "small.yaml", "-o", "out"]) == 0
     assert {"band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png"} <= {path.name for path in Path("out").iterdir()}
