@@ -18,10 +18,8 @@ from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
 from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT, expect_shear_deficit, find_left_out
-from granphon.media.loaded_lattice import ideal_lattice
-from granphon.media.network_state import as_state
 from granphon.media.simulation import DirectSimulation
-from granphon.media.state import State
+from granphon.media.state import State, as_state, ideal_lattice
 from granphon.networks.network import ContactNetwork
 
 #: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says of it, with the worst

@@ -31,8 +31,8 @@ from granphon.base.tables import table_text
 from granphon.base.text import digest
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
+from granphon.media.state import ideal_lattice
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
