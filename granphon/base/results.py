@@ -137,13 +137,18 @@ class Result:
                 nan = all(isinstance(one, np.ndarray) and one.dtype.kind in "fc" for one in (a, b))
                 if not np.array_equal(a, b, equal_nan=nan):
                     return False
-            elif a != b:
+            elif a != b and plain(a) != plain(b):  # objects that hold arrays are compared by what they hold
                 return False
         return True
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built by the constructor, so that the arrays of copies and pickles are read-only too
-        return type(self), tuple(getattr(self, f.name) for f in fields(self))
+        return self._of_fields, tuple(getattr(self, f.name) for f in fields(self))
+
+    @classmethod
+    def _of_fields(cls, *values: Any) -> Self:
+        """Build a result from its fields; a class whose constructor takes other arguments has its own."""
+        return cls(*values)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -313,7 +318,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
                 raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
             given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
             try:
-                made = build(**given)
+                made = build._of_fields(*given.values()) if issubclass(build, Result) else build(**given)
                 if isinstance(made, Result):
                     made._check()
             except InputError:
