@@ -244,10 +244,11 @@ class Surface:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
 
         With ``leaky`` also resonances within the bands whose width is below a tenth of their frequency, and that have a
-        fiftieth of their energy on top; their width is that of the pole below the real axis; where the
-        velocity of a wave of the crystal across the edge nearly vanishes it is of first order. Motions at zero frequency, which deform no
+        fiftieth of their energy on top; their width is that of the pole below the real axis, or of first order where the
+        velocity of a wave of the crystal across the edge nearly vanishes. Motions at zero frequency, which deform no
         contact, are not waves; with ``free`` those that have a thousandth of their energy in the outer layers are listed
-        too, also of a crystal whose own motions cost nothing. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
+        too, also of a crystal whose own motions cost nothing. Wave vectors nearer to Gamma than 1e-4 of the zone lose
+        digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
         found = [self.half_space.find_waves(fractions)]
