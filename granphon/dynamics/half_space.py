@@ -369,7 +369,7 @@ class HalfSpace:
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
         parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
         place, branch = np.nonzero(parts > _ON_TOP_FREE)
-        return EdgeWaves(place, np.zeros(len(place), complex), parts[place, branch])
+        return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
         """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
