@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -108,8 +109,11 @@ class Problem:
 
 
 def find_limit(operator: WaveOperator) -> float:
-    """Return how far below zero a squared frequency of a network at rest may be, (rad/s)^2."""
-    return (ZERO * operator.top) ** 2 + operator.slack
+    """Return how far below zero a squared frequency of a stable network may be, (rad/s)^2.
+
+    Static tangential forces set no limit: D, which lacks a part of them, lowers frequencies of zero.
+    """
+    return (ZERO * operator.top) ** 2 if operator.whole is None else math.inf
 
 
 def make_too_few(there: int, count: int) -> InputError:
