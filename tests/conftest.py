@@ -31,7 +31,9 @@ from hypothesis import settings
 
 import granphon as gp
 
-settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=60)
+#: of each property; .ci/run tries more
+EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", "40"))
+settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=EXAMPLES)
 settings.load_profile("granphon")
 
 

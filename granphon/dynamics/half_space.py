@@ -20,10 +20,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.validation import real_array
+from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
@@ -76,7 +78,10 @@ class HalfSpace:
         self.network, self.edge, self.units = network, edge, network.scales
         self.layers = network.layers_across(axis)
         periods, p, d = np.flatnonzero(network.pbc), len(self.layers.cell), network.dimension
-        reach = int(np.max(np.abs(self.layers.split(network.shift[:, periods])[1]), initial=0))
+        _, shift = self.layers.gather(
+            network.positions[:, :d], network.i, network.j, network.shift[:, periods], np.isinf(network.radii)
+        )
+        self.reach = reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
         if not reach:
             raise InputError(message("no contact joins the layers", "Each would have its own waves", "Choose another axis"))
         self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))
@@ -119,7 +124,12 @@ class HalfSpace:
         columns = 3 * self.size // count
         self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
         self._stiff: Array = np.concatenate([np.broadcast_to(one, len(spring))[kept] for one in stiff])
-        self._whole = np.tile(lower[kept] == 1, len(rows))
+        upper = np.maximum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
+        self._whole, self._crossing = (
+            np.tile(one[kept], len(rows))
+            for one in (lower == 1, (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j])
+        )
+        self._kinds = np.repeat([row.kind for row in rows], len(kept))
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of the reciprocal cell."""
@@ -128,6 +138,52 @@ class HalfSpace:
         rows: Complex = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
         whole = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
         return whole[:, :size, :size], whole[:, size:, size:], whole[:, :size, size:]
+
+    def couplings(self, q: Array, elongation: ArrayLike = 1.0, other: ArrayLike = 1.0) -> Couplings:
+        """Return the blocks at one wave vector q (p - 1,); contacts are as many times as stiff.
+
+        The factors, of elongation and of all other deformations, are numbers or (n_f,), and complex where energy is lost.
+        """
+        size = self.size
+        rows = np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, :, : 2 * size], 1)
+        factors = {"elongation": np.asarray(elongation), "push": np.asarray(1.0)}
+        parts: list[Any] = []
+        for chosen in (slice(None), self._crossing):
+            found: Any = 0.0
+            for kind in np.unique(self._kinds):
+                part = (self._kinds == kind)[chosen]
+                some, stiff = rows[chosen][part], self._stiff[chosen][part]
+                factor = factors.get(kind, np.asarray(other))
+                found = found + factor[..., None, None] * (some.conj().T @ (stiff[:, None] * some))
+            parts.append(found)
+        whole, cross = parts
+        return Couplings(
+            whole[..., size:, size:], cross[..., :size, :size], cross[..., size:, size:], whole[..., :size, size:],
+            whole[..., size:, :size],
+        )  # fmt: skip
+
+    def read_wavevector(self, q: ArrayLike) -> Array:
+        """Return one wave vector along the edge (p - 1,), zero if () is given; raises InputError for another shape."""
+        p, given = len(self.layers.cell), real_array("q", q)
+        if given.shape not in ((p,), (0,)) or not np.all(np.isfinite(given)):
+            raise InputError(message(f"q has the shape {given.shape}", mend=f"Give ({p},) fractions, along the layers"))
+        return given if given.size else np.zeros(p)
+
+    def wavenumbers(self, factors: Complex, q: Array) -> Complex:
+        """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from layer to layer.
+
+        The wave vector along the edge is q (p - 1,).
+        Their real parts are within half of the period 2 pi over the height of a layer.
+        """
+        p = len(q)
+        beside = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p]) @ q
+        real = (np.angle(factors) / (2.0 * np.pi) - beside + 0.5) % 1.0 - 0.5
+        return (2.0 * np.pi * real - 1j * np.log(np.abs(factors))) / self.height
+
+    @property
+    def height(self) -> float:
+        """Height of a layer, m."""
+        return float(self.layers.stack[len(self.layers.cell)])
 
     @cached_property
     def highest(self) -> float:

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from granphon.figures.scales import POLARISATION, ROTATION, add_part_bar
+from granphon.figures.scales import POLARISATION, ROTATION, add_part_bar, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -24,7 +23,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, FRAME, STYLE, VERMILION, print_hertz
+from granphon.figures.style import BLUE, FRAME, VERMILION, print_hertz
 from granphon.figures.zones import find_reciprocal, name_corners, plot_zone
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
@@ -129,7 +128,7 @@ def plot_bands(
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
     elif colorbar:
-        add_part_bar(ax.get_figure(), ax, colours, f"{words} part of the kinetic energy")
+        add_part_bar(ax, colours, f"{words} part of the kinetic energy")
     return ax
 
 
@@ -246,10 +245,7 @@ def bands_figure(
     unit, both = _choose_unit(first), bands is not None and dos is not None
     # a zone in space has too many corners for an inset
     space = bands is not None and sum(bands.pbc) == 3
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(
-            figsize=(COLUMN_WIDTH, 2.4 if bands is None else 4.4 if space else 3.1), dpi=DPI, layout="constrained"
-        )
+    with styled_figure(2.4 if bands is None else 4.4 if space else 3.1) as figure:
         rows = figure.add_gridspec(1 + space, 1, height_ratios=[1.0, 0.5][: 1 + space])
         grid = rows[0].subgridspec(1, 1 + both, width_ratios=[2.4, 1.0][: 1 + both])
         axes = grid.subplots(sharey=both, squeeze=False)[0]

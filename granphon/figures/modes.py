@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import add_title, draw_alone, hide_axes
+from granphon.figures.scales import add_title, draw_alone, hide_axes, styled_figure
 
 import matplotlib
 import numpy as np
@@ -147,13 +147,6 @@ def plot_network_mode(
     return ax
 
 
-def network_mode_figure(
-    modes: NetworkModes, *, mode: int = 0, phase: float = 0.0, view: View | None = None, size: float = 0.5
-) -> Figure:
-    """Draw a figure of a mode of a network, one column wide; see :func:`plot_network_mode`."""
-    return draw_alone(lambda ax: plot_network_mode(modes, ax, mode=mode, phase=phase, view=view, size=size), COLUMN_WIDTH)
-
-
 def animate_mode(
     phonons: Phonons,
     q: ArrayLike,
@@ -173,8 +166,7 @@ def animate_mode(
     motion = _find_motion(phonons, q, branch, cells, direction)
     count, part = whole_number("frames", frames, 2, 1000), positive("size", size)
     seen = view or motion.view
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, COLUMN_WIDTH), dpi=150, layout="constrained")
+    with styled_figure(COLUMN_WIDTH, dpi=150) as figure:
         ax = figure.subplots()
 
     def draw(frame: int) -> None:

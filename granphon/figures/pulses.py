@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from granphon.figures.scales import MOTION
+from granphon.figures.scales import MOTION, styled_figure
 
 import matplotlib
 import numpy as np
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
-from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION
+from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, pick_evenly
 from granphon.networks.network import ContactNetwork
 from granphon.waves.pulses import Pulse
 
@@ -34,7 +34,7 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
     """
     t = 1e3 * pulse.times
     most = float(np.max(np.abs(pulse.signals)))
-    chosen = np.unique(np.linspace(0, len(pulse.signals) - 1, balls).round().astype(int))
+    chosen = pick_evenly(len(pulse.signals), balls)
     traces = [("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE), ("mean", pulse.coherent / most, BLUE)]
     traces += [
         (f"at {1e3 * distance:.3g} mm", trace / most, BLUE)
@@ -57,8 +57,7 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
 
 def pulse_figure(pulse: Pulse) -> Figure:
     """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 4.2), dpi=DPI, layout="constrained")
+    with styled_figure(4.2) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
         above.tick_params(axis="x", labelbottom=True)

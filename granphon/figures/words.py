@@ -8,7 +8,7 @@ from typing import Any
 
 from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
-from granphon.base.scales import prefixed
+from granphon.base.scales import write_quantity
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 
 #: a space at which no line ends
@@ -65,8 +65,7 @@ def write_value(value: float, unit: str) -> str:
     """Return a number with its unit as it stands in a legend, five digits at most: "2.04 µm"."""
     if unit not in ("m", "Pa", "N", "Hz", "N/m"):
         return f"{value:.5g} {unit}".rstrip()
-    size, name = prefixed(value, unit)
-    return f"{value / size:.5g} {name}".replace("u", "µ")
+    return write_quantity(value, unit).replace("u", "µ")
 
 
 def describe_parameter(name: str, value: Any) -> tuple[str, str]:

@@ -19,7 +19,7 @@ from granphon.base.errors import InputError, message
 from granphon.figures.style import FRAME
 from granphon.figures.views import HALO, Painter, View
 from granphon.phonons.bands import Bands
-from granphon.phonons.zones import zone_faces, zone_polygon
+from granphon.phonons.paths import zone_faces, zone_polygon
 
 Array = NDArray[np.float64]
 #: directions, degrees, among which the one is chosen from which a zone in space is seen

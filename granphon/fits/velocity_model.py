@@ -37,8 +37,7 @@ from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
-from granphon.observables.pulses import pulse_velocities
-from granphon.observables.velocities import local_exponent
+from granphon.observables.velocities import local_exponent, pulse_velocities
 
 Array = NDArray[np.float64]
 #: the branches whose velocities may be fitted; the last two take the place of the second where there are two of them

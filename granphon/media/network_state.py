@@ -130,6 +130,11 @@ class NetworkStates(State):
         """Select some of the loads, by an index as for arrays."""
         return as_state(self.source[index])
 
+    @property
+    def network(self) -> ContactNetwork:
+        """The network at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
+        return given_network(self.source)
+
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
         given_network(self.source)

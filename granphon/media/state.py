@@ -97,6 +97,9 @@ class State(ABC):
     :class:`~granphon.media.network_state.NetworkState`.
     """
 
+    #: whether all contacts have the law of a packing
+    follows_law = False
+
     @property
     @abstractmethod
     def name(self) -> str:
@@ -232,6 +235,7 @@ class ContactState(State, Result):
     chosen_automatically : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
     """
 
+    follows_law = True
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "pressure": "N/m",
         "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",

@@ -25,8 +25,8 @@ from granphon.observables.velocities import Moduli, SoundVelocities, local_expon
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
 #: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample, its
-#: spectral functions, or its density of states; or bands, along a path that is given
-CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands"]
+#: spectral functions, or its density of states; bands, along a path that is given; or the waves of an edge
+CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands", "surface"]
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
 def _make_wave_entry(
     name: str, unit: str, title: str, cost: CostClass, dims: tuple[str, ...] = (), **more: Any
 ) -> Observable:
-    """Make the entry of what a sweep finds of the waves in the samples: they are not those of a state alone."""
+    """Make the entry of what a sweep finds of the waves in the samples, or at an edge: not that of a state alone."""
     return Observable(name, unit, title, cost=cost, dims=dims, **more)
 
 
@@ -335,6 +335,14 @@ _OBSERVABLES = (
     _make_wave_entry("dos_rotational", "1/Hz", "part of the density of states in rotations", "dos", ("node",)),
     _make_wave_entry(
         "dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors", "dos", ("node",)
+    ),
+    _make_wave_entry(
+        "surface_velocity", "m/s", "velocity of the long wave at the edge, along the first leg of the path", "surface",
+        label="Surface velocity", told=True,
+    ),
+    _make_wave_entry(
+        "surface_frequency", "Hz", "frequencies of the undamped waves of the edge along the path, nan beyond these",
+        "surface", ("surface_point", "surface_wave"),
     ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),

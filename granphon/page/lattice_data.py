@@ -13,8 +13,7 @@ from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.phonons.paths import BandPath, default_letters, special_points
-from granphon.phonons.zones import zone_faces, zone_polygon
+from granphon.phonons.paths import BandPath, default_letters, special_points, zone_faces, zone_polygon
 
 Array = NDArray[np.float64]
 

@@ -21,6 +21,7 @@ them, and is then faster.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,12 @@ Array = NDArray[np.float64]
 _MARGIN = 1.01
 #: relative difference of numbers that are equal but for rounding
 _ALIKE = 1e-12
+#: message of a network that static forces make unstable
+UNSTABLE = message(
+    "the network is not stable: a squared frequency is below zero",
+    "Its static forces exceed what its springs hold, so that it would buckle",
+    "Bring it to rest first, give its tangential_force if it has friction, or leave the static forces out (prestress=False)",
+)
 #: number of balls below which a sparse matrix is faster
 _LEAST_BALLS = 2500
 
@@ -96,11 +103,14 @@ class WaveOperator(LinearOperator[np.float64]):
 
     # -- matrices -------------------------------------------------------------------------------------------------------
 
-    def _make_matrix(self, rows: list[Row], root: list[Array]) -> csr_array[Any]:
-        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size)."""
+    def _make_matrix(self, rows: list[Row], root: Sequence[Any], phase: Any = 1.0) -> csr_array[Any]:
+        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size).
+
+        Balls j of contacts move with the ``phase`` (n_c,).
+        """
         network, count, parts = self.network, self.network.n_contacts, []
         for kind, (row, weight) in enumerate(zip(rows, root, strict=True)):
-            for ball, coefficients, sign in ((network.j, row.head, 1.0), (network.i, row.tail, -1.0)):
+            for ball, coefficients, sign in ((network.j, row.head, phase), (network.i, row.tail, -1.0)):
                 line = np.flatnonzero(network.moving[ball])
                 scale = (sign * weight / np.sqrt(network.masses[ball]))[line, None]
                 parts.append(((kind * count + line)[:, None], self._places[ball[line]], scale * coefficients[line]))
@@ -144,6 +154,22 @@ class WaveOperator(LinearOperator[np.float64]):
             return found
         held: csr_array[Any] = (found + 0.5 * (self._carried + self._carried.T)).tocsr()
         return held
+
+    def matrix_of_wave(self, phase: NDArray[Any], elongation: complex = 1.0, other: complex = 1.0) -> csr_array[Any]:
+        """Return D of waves along the periods, across whose boundaries balls j of contacts move with the ``phase`` (n_c,).
+
+        Contacts are as many times as stiff, in elongation and in all other deformations; complex where energy is lost.
+        """
+        network, count = self.network, self.network.n_contacts
+        stiff = [row.stiffness * (elongation if row.kind == "elongation" else other) for row in self.rows]
+        rows = self.rows
+        if network.prestress:
+            across = push_rows(network.normal[:, : network.dimension], self.motions)
+            rows, stiff = rows + across, stiff + [-network.normal_force / network.distance] * len(across)
+        one = self._make_matrix(rows, [1.0] * len(rows), phase)
+        weights = np.concatenate([np.broadcast_to(each, count) for each in stiff])
+        found: csr_array[Any] = (one.conj().T.tocsr() @ one.multiply(weights[:, None]).tocsr()).tocsr()
+        return found
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:

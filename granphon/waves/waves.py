@@ -19,12 +19,10 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import MOST_MOMENTS, AllModes, RandomVectors, SpectralDensity
-from granphon.waves.eigenproblem import DENSE
-from granphon.waves.modes import NetworkModes, find_modes, require_stable
+from granphon.waves.modes import DENSE, NetworkModes, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.plane_waves import nearest_wavevectors
-from granphon.waves.pulse_source import PulseSource, transmit
-from granphon.waves.pulses import Pulse
+from granphon.waves.pulses import Pulse, PulseSource, transmit
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction
 
 Array = NDArray[np.float64]

@@ -399,10 +399,10 @@ def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
     assert np.all(np.linalg.eigvalsh(state.find_elasticity(0.0)) > 0.0)
 
 
-@pytest.mark.parametrize("seed", [100, pytest.param(103, marks=pytest.mark.exhaustive)])
-def test_balls_near_the_threshold_come_to_rest(seed):
+@pytest.mark.parametrize(("side", "seed"), only([(32, 100)], [(32, 100), (64, 100), (64, 103)]))
+def test_balls_near_the_threshold_come_to_rest(side, seed):
     """Of arrays as large as users have some have steps without end on their way, and some long ways from saddles."""
-    state = equilibrate_exactly(balls((64, 64), seed), ReducedLoad(overlap=-0.13), STEEL_WIDTH)
+    state = equilibrate_exactly(balls((side, side), seed), ReducedLoad(overlap=-0.13), STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
 
@@ -643,7 +643,7 @@ def test_scenes_have_the_exponent_of_the_exact_geometry(tmp_path):
         """.replace("\n        ", "\n")
     for medium, there in (("{simulation: {shape: 6 6, geometry: exact}}", True), ("ema", False)):
         scene = gp.Scene.from_text(f"{text}medium: {medium}")
-        scene.run(tmp_path / str(there))
+        scene.run(tmp_path / str(there), figures=False)
         summary = yaml.safe_load((tmp_path / str(there) / "summary.yaml").read_text())
         assert summary.get("exponent") == (gp.local_exponent(scene.state()) if there else None)
 

@@ -15,8 +15,7 @@ from xarray import Dataset
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
-from granphon.base.notebook import describe_value, write_html
-from granphon.base.results import Result
+from granphon.base.results import Result, describe_value, write_html
 from granphon.waves.path_spectra import find_path_spectra
 from tests.test_structure import loaded_after
 

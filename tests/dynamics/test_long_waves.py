@@ -175,22 +175,6 @@ def test_square_lattice_with_friction_in_closed_form(eta, angle):
     assert_allclose(lattice.acoustic_tensor((c, s)), tensor, atol=2e-15)
 
 
-def test_square_moduli_and_velocities_of_a_packing(steel):
-    packing = gp.Packing(steel, 8e-3, lattice="square")
-    state = gp.AveragedLattice(packing).at_force(np.array([1.0, 8.0]))
-    k, d = state.normal_stiffness, 8e-3
-    tensor = gp.moduli(state).tensor
-    expected = (k / d)[:, None, None] * np.diag([1.0, 1.0, ETA / 2])
-    assert_allclose(tensor, expected, rtol=1e-14, atol=1e-6)
-    assert_allclose(gp.sound_velocities(state, (0, 1)).longitudinal, d * np.sqrt(k / packing.mass), rtol=1e-14)
-    assert_allclose(state.pressure, state.force / d, rtol=1e-15)
-    with pytest.raises(InputError, match="direction"):
-        gp.sound_velocities(state)
-    assert_allclose(gp.moduli(state).bulk, k / (2 * d), rtol=1e-14)
-    with pytest.raises(InputError, match="tensor"):
-        _ = gp.moduli(state).shear
-
-
 @pytest.mark.claim("digits-near-gamma", "api-waves")
 @pytest.mark.parametrize("lattice", ["triangular", "kagome"])
 @pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-12])

@@ -14,10 +14,10 @@ from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError, MechanismError
 from granphon.figures import slowness, zones
 from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands, plot_dos
+from granphon.figures.curves import sweep_figure
 from granphon.figures.modes import animate_mode, plot_mode
-from granphon.figures.sweeps import sweep_figure
 from granphon.figures.views import Painter, View
-from granphon.phonons.zones import zone_faces
+from granphon.phonons.paths import zone_faces
 from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
