@@ -78,7 +78,10 @@ class HalfSpace:
         self.network, self.edge, self.units = network, edge, network.scales
         self.layers = network.layers_across(axis)
         periods, p, d = np.flatnonzero(network.pbc), len(self.layers.cell), network.dimension
-        self.reach = reach = int(np.max(np.abs(self.layers.split(network.shift[:, periods])[1]), initial=0))
+        _, shift = self.layers.gather(
+            network.positions[:, :d], network.i, network.j, network.shift[:, periods], np.isinf(network.radii)
+        )
+        self.reach = reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
         if not reach:
             raise InputError(message("no contact joins the layers", "Each would have its own waves", "Choose another axis"))
         self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))

@@ -683,27 +683,23 @@ def tensor_kind(name: str) -> Kind:
     def write(load: Any, at: Context) -> Any:
         if load.kind != name:
             return None
-        size = load.values[0] if load.size == 1 else 1.0
-        plain = tuple(one * size for one in load.tensor)
-        most = max(map(abs, plain))
-        if tuple(one / most for one in plain) != load.tensor:  # to the last bit: the tensor of size one, and its size
-            plain = load.tensor
+        plain = _join_tensor(load) or load.tensor
         return [*plain] if name == "strain" else [tensor_quantities(at.lattice.periods)[name].write(one) for one in plain]
 
     return Kind(read, write)
 
 
-def _write_times(load: Any) -> Any:
-    if load.tensor is None:
-        return None
-    written = tuple(one * load.values[0] for one in load.tensor)
-    most = max(map(abs, written))
-    if load.size == 1 and tuple(one / most for one in written) == load.tensor:
-        return None
-    return write_values(load.values, float)
+def _join_tensor(load: Any) -> tuple[float, ...] | None:
+    """Return the tensor of a single load; None for several, and where it would not be split again to the last bit."""
+    plain = tuple(one * load.values[0] for one in load.tensor)
+    most = max(map(abs, plain))
+    return plain if load.size == 1 and tuple(one / most for one in plain) == load.tensor else None
 
 
-TIMES = Kind.plain(lambda value: read_values(value, above_zero), _write_times)
+TIMES = Kind.plain(
+    lambda value: read_values(value, above_zero),
+    lambda load: None if load.tensor is None or _join_tensor(load) else write_values(load.values, float),
+)
 
 
 def split_tensor(found: Mapping[str, Any]) -> dict[str, Any]:

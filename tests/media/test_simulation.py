@@ -587,20 +587,9 @@ def test_next_to_the_least_force_the_exponent_is_there(spread):
 # -- files --------------------------------------------------------------------------------------------------------------
 
 
-def test_atoms_are_read_back(spread, tmp_path):
+def test_atoms_of_a_sample(spread):
     state = simulate(spread, (5, 4)).at_overlap(0.05 * WIDTH)
     atoms, sample = state.sample.atoms(), state.sample
-    ase.io.write(tmp_path / "sample.extxyz", atoms)
-    again = ase.io.read(tmp_path / "sample.extxyz")
-    assert again.get_global_number_of_atoms() == 20
-    assert again.pbc.tolist() == [True, True, False]
-    np.testing.assert_allclose(again.cell, atoms.cell, atol=1e-8)
-    for name, array in atoms.arrays.items():
-        np.testing.assert_allclose(again.arrays[name], array, rtol=1e-12, atol=1e-8)
-    assert again.info["relative_overlap"] == pytest.approx(state.relative_overlap)
-    for key, value in atoms.info.items():
-        assert again.info[key] == pytest.approx(value)
-    # what is in them
     np.testing.assert_allclose(2.0 * D * atoms.arrays["radius"], sample.diameters.ravel(), rtol=1e-14)
     np.testing.assert_allclose(atoms.get_masses(), (sample.diameters.ravel() / D) ** 3, rtol=1e-14)
     np.testing.assert_allclose(D * atoms.arrays["displacements"][:, :2], sample.displacements.reshape(-1, 2), atol=1e-20)
