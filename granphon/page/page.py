@@ -18,7 +18,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.figures.style import colour_kinds
 from granphon.media.choice import MediumChoice
-from granphon.media.network_state import NetworkState
+from granphon.media.state import NetworkState
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
 from granphon.page.bundle import fill_template
