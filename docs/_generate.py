@@ -520,7 +520,7 @@ def fit_columns(results: Results) -> str:
 
 def tradeoff_columns(results: Results) -> str:
     """Columns of tradeoff.csv."""
-    empty = TradeOff((), "force", (), {}, {}, 1, 0.0, 0.0)
+    empty = TradeOff((), "force", (), (), "", 1, 0.0, 0.0)
     return columns(Table.parse("tradeoff.csv", empty.csv().encode()), MEASURED)
 
 

@@ -124,7 +124,7 @@ FILES = {
     "fit.csv": ("`granphon fit`", "data and fit"),
     "fit.png": ("`granphon fit`", "data, fit, equal balls, and residuals"),
     "tradeoff.csv": ("`granphon tradeoff`", "errors and costs, see [below](#tradeoffcsv)"),
-    "tradeoff.png": ("`granphon tradeoff`", "error over time, a diagram for each study"),
+    "tradeoff.png": ("`granphon tradeoff`", "error over time"),
 }  # fmt: skip
 #: fields of output files that are not observables
 FIELDS = {
@@ -207,12 +207,11 @@ FITTED = {
 }
 #: of tradeoff.csv
 MEASURED = {
-    "study": "name of the study: it compares media, or settings inside one medium",
     "method": "what was measured",
     "knob": "setting of the method",
     "force": "the load, in a column with the name of its kind",
     "observed": "the quantity whose error is given",
-    "error": "relative error against the reference of the study",
+    "error": "relative error against the reference",
     "error_stderr": "standard error of `error` where it is an rms over random samples, else 0",
     "draws": "number of runs that the error is of",
     "reference_error": "relative error of the reference, as far as it is known",

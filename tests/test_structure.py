@@ -84,12 +84,11 @@ NOT_HERTZ = {
     "dynamics/local_field.py:_make_response": "place of a neighbour's far contact",
     "fits/velocity_model.py:velocity": "coefficients of a one-sided difference",
     "media/accuracy.py:compute_form_coefficients": "the skewness of a distribution",
-    "media/cost.py:": "measured times",
     "media/left_out.py:": "tabulated forces",
     "networks/building.py:complete": "inertia of a solid ball",
     "observables/validity.py:_compute_validity": "the paper's criterion (f/E d^2)^(1/6)",
     "scene/plan.py:_estimate_waves": "a bound with a margin",
-    "tradeoffs/study.py:find_reference": "a margin of time",
+    "tradeoffs/measure.py:find_reference": "a margin of time",
     "waves/propagation.py:order": "the width of Bessel functions near their turning point",
 }
 #: what states laws, averages Hertz's over distributions, or knows no contact

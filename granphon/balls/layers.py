@@ -20,6 +20,8 @@ Index = NDArray[np.intp]
 EDGES = ("free", "clamped", "floor")
 #: part of a period across the line or plane in which it lies, but for rounding
 _LEVEL = 1e-12
+#: part of a layer by which sites at one height may differ
+_SITE = 1e-9
 #: largest Miller index
 _MOST_INDEX = 100
 
@@ -70,6 +72,20 @@ class Layers:
         """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to other cells (n_c, p)."""
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]
+
+    def gather(self, positions: Array, i: Index, j: Index, shift: Index, walls: Any = False) -> tuple[Array, Index]:
+        """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts, with all sites within one layer.
+
+        Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls`` (n,) have no site.
+        """
+        p = len(self.basis)
+        height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]
+        still = np.broadcast_to(walls, height.shape)
+        down = np.where(still, 0.0, np.floor(height - np.min(height, where=~still, initial=np.inf) + _SITE))
+        if not np.any(down):
+            return positions, shift
+        lower = np.where(still[i] | still[j], 0.0, down[j] - down[i]).astype(np.intp)
+        return positions - down[:, None] * (self.stack @ self.turn), shift + lower[:, None] * self.basis[-1]
 
     def turn_space(self) -> Array:
         """Return :attr:`turn` as a rotation (3, 3) of space."""

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.quantities import load_quantities
-from granphon.base.results import describe_value
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
@@ -39,6 +37,8 @@ def _write(value: Any, unit: str) -> str:
     """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all else as it is."""
     if unit in ("m", "Pa", "N", "N/m", "Hz"):
         return write_range(value, unit)
+    from granphon.base.results import describe_value  # with numpy, which the help of a command does not need
+
     return f"{describe_value(value)} {unit.removeprefix('1')}".rstrip()
 
 
@@ -135,27 +135,24 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
-    """Lines of the tables of a trade-off, one table for each study, of balls on a lattice of 1, 2 or 3 ``periods``."""
+    """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
+    from granphon.base.quantities import load_quantities  # with numpy, too
+
     heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
     runs = counted(result.runs, "warm run")
     lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
-    for study in result.studies:
-        rows: list[tuple[str, ...]] = [heads]
-        for point in result.of(study):
-            if point.failure and not point.seconds:
-                rows.append((point.method, point.knob, *[""] * 8, point.failure))
-                continue
-            times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
-            error = f"{point.error:.2e}" if point.errors.size else "?"
-            found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
-            floor = f"{point.floor:.0e}"
-            rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), floor, point.note))
-        widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
-        lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
-        lines += [
-            "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-        ]
-        if study in result.references:
-            lines.append(f"  reference: {result.references[study]}")
+    rows: list[tuple[str, ...]] = [heads]
+    for point in result.points:
+        if point.failure and not point.seconds:
+            rows.append((point.method, point.knob, *[""] * 8, point.failure))
+            continue
+        times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
+        error = f"{point.error:.2e}" if point.errors.size else "?"
+        found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
+        rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), f"{point.floor:.0e}", point.note))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+    lines += ["", f"media (of {', '.join(result.observed)})"]
+    lines += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += [f"  reference: {result.reference}"] * bool(result.reference)
     return [*lines, "", f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}"]

@@ -38,8 +38,7 @@ from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.media.network_state import NetworkState, as_state, given_state
-from granphon.media.state import ContactState, Law
+from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.contacts import ContactFinder, keep_rows
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
@@ -77,8 +76,8 @@ def atoms(state: Any) -> Atoms:
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
-    found = as_state(state)
-    if isinstance(found, NetworkState):
+    found: Any = as_state(state)
+    if not found.follows_law:
         return _make_network_atoms(found)
     state = given_state(found)
     scales, lattice = state.scales, state.packing.structure

@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -472,17 +472,11 @@ class SceneSource:
             place = path or getattr(error, "path", ())
             if (option := getattr(error, "option", None)) is not None:
                 # the medium that has this option; if none of them has it, or several have, the media
-                media = self.document.data.get("medium")
-                each = [((at,), one) for at, one in enumerate(media)] if isinstance(media, list) else [((), media)]
-                found = [
-                    (("medium", *here, name, option), options[option])
-                    for here, one in each
-                    for name, options in (one.items() if isinstance(one, Mapping) else ())
-                    if isinstance(options, Mapping) and option in options
-                ]
+                found = [path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option]
                 place, given = ("medium",), f"{'several times' if found else 'no'} {option}"
                 if len(found) == 1:
-                    ((place, value),) = found
+                    (place,) = found
+                    value = reduce(lambda block, key: block[key], place, self.document.data)
                     given = show(value)
                     if isinstance(value, Mapping):
                         given = f"{{{', '.join(f'{key}: {one}' for key, one in value.items())}}}"

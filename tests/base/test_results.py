@@ -217,7 +217,7 @@ def every(packing, results):
     # records stand where samples do, at all loads and at one
     assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (tuple(records), tuple(records[2:]), records[2])
     phonons = gp.Phonons(results["state"])
-    point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
+    point = MeasuredPoint("ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     history = {"friction_history": True, "friction_coefficient": 0.3, "step_tolerance": 1.0}
     pressed = gp.DirectSimulation(spread, (4, 4), seed=1, **history).at_force(5.0).sample
     exact = gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact").at_force(5.0).sample.equilibrium
@@ -228,7 +228,7 @@ def every(packing, results):
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
         fit_width(spread, force, gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal, 2.0),
-        point, TradeOff((point,), "force", (1.0,), {"media": ("velocities",)}, {"media": "x"}, 5, 1.0, 2.0),
+        point, TradeOff((point,), "force", (1.0,), ("velocities",), "x", 5, 1.0, 2.0),
     ]  # fmt: skip
     found.append(next(result.waves for result in found if hasattr(result, "waves")))
     waves = gp.Waves(simulated.samples[0])
@@ -244,8 +244,15 @@ def every(packing, results):
     )
     found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
     surface = gp.Surface(gp.AveragedLattice(packing).at_force(5.0), 1)
+    chain = gp.Crystal.on("chain", [gp.Ball(packing.material, 8e-3), gp.Ball(packing.material, 6e-3)])
+    found += [chain, chain.at_force(5.0)]
     q = [[0.3]]
     found += [surface.spectrum(q, [1e3, 2e3]), surface.branches(q)]
+    found.append(gp.Phonons(surface.network).complex_bands([1e3, 2e3], 1))
+    strip = surface.network.cut(1, 3)
+    runs = [gp.transmission(surface.network, strip, surface.network, [1e3, 2e3], axis=1)] * 2
+    longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
+    found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
     return {type(result): result for result in found}
 
 

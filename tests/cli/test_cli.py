@@ -55,7 +55,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, phonopy"
+TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, surface, phonopy"
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 
@@ -88,7 +88,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     "far point of the band": (
         "0 0 0 1/3", "0 0 0 1e9", 15, "phonopy.band", "'1e9' in '0 0 0 1e9 1/3 0",
-        "numbers from -1000 to 1000", "",
+        "a plain number from -1000 to 1000", "",
     ),
     "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
     "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),

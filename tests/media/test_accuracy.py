@@ -24,7 +24,7 @@ from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, accuracy, compute_
 from granphon.media.choice import even_shape
 from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
-from granphon.tradeoffs.study import Ensemble, observe
+from granphon.tradeoffs.measure import Ensemble, observe
 
 WIDTH = 2e-6
 FACES = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.5, 0.0, 0.5), (0.0, 0.5, 0.5))
