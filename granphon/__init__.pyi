@@ -36,6 +36,7 @@ from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
+from .media.limits import Check as Check
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
@@ -44,7 +45,6 @@ from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
 from .networks.network import ContactNetwork as ContactNetwork
-from .observables.validity import Check as Check
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
 from .observables.velocities import AveragedModuli as AveragedModuli

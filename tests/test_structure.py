@@ -84,7 +84,6 @@ NOT_HERTZ = {
     "dynamics/local_field.py:_make_response": "place of a neighbour's far contact",
     "fits/velocity_model.py:velocity": "coefficients of a one-sided difference",
     "media/accuracy.py:compute_form_coefficients": "the skewness of a distribution",
-    "media/cost.py:": "measured times",
     "media/left_out.py:": "tabulated forces",
     "networks/building.py:complete": "inertia of a solid ball",
     "observables/validity.py:_compute_validity": "the paper's criterion (f/E d^2)^(1/6)",

@@ -73,6 +73,11 @@ class ContactTable:
             read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
         )  # fmt: skip
 
+    def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:
+        """Return the contacts of some ``rows``, between other balls, with their vectors turned by ``turn`` (d, d)."""
+        normal, vector = (one[rows] if turn is None else one[rows] @ turn.T for one in (self.normal, self.vector))
+        return ContactTable(*map(read_only, (i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows])))
+
 
 def contact_frames(normal: Array) -> list[list[Array]]:
     """The right-handed unit vectors n, t and n x t of each contact: its normal and two tangents.
@@ -89,6 +94,17 @@ def contact_frames(normal: Array) -> list[list[Array]]:
     across = np.cross(axis, normal)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return [list(vectors.T) for vectors in (normal, across, np.cross(normal, across))]
+
+
+def repeat_contacts(i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]) -> tuple[Any, Any, Any, Any]:
+    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j, shift of its contacts.
+
+    Balls come in the order of cells, ball by ball of each cell, with the last period fastest; contacts cell by cell.
+    """
+    cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, len(full))
+    steps, first = cells[:, None] + shift, n * np.arange(len(cells))[:, None]
+    number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, full), -1, 0)), full)
+    return cells, (first + i).ravel(), (n * number + j).ravel(), np.floor_divide(steps, full).reshape(-1, len(full))
 
 
 def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:

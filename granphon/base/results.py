@@ -16,6 +16,8 @@ from granphon.base.text import damage_error, digest, require_schema, show
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
+#: least over the largest end of a range, below which it is rounding
+_ROUNDING = 1e-14
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 #: types of values that plain data hold as they are
@@ -85,7 +87,10 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
     left = f", {size.size - finite.size} not finite" if finite.size < size.size else ""
     if not finite.size:
         return f"array {shape}{left}"
-    low, high = (describe_value(end.item()) for end in (finite.min(), finite.max()))
+    ends = np.array([finite.min(), finite.max()])
+    if kind == "f":  # an end that is rounding of the other is zero
+        ends[np.abs(ends) < _ROUNDING * np.max(np.abs(ends))] = 0.0
+    low, high = (describe_value(end) for end in ends.tolist())
     what = "magnitudes " if kind == "c" else ""
     return f"array {shape}, {what}{low} to {high}{left}" if low != high else f"array {shape}, all {what}{low}{left}"
 
@@ -137,13 +142,18 @@ class Result:
                 nan = all(isinstance(one, np.ndarray) and one.dtype.kind in "fc" for one in (a, b))
                 if not np.array_equal(a, b, equal_nan=nan):
                     return False
-            elif a != b:
+            elif a != b and plain(a) != plain(b):  # objects that hold arrays are compared by what they hold
                 return False
         return True
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built by the constructor, so that the arrays of copies and pickles are read-only too
-        return type(self), tuple(getattr(self, f.name) for f in fields(self))
+        return self._of_fields, tuple(getattr(self, f.name) for f in fields(self))
+
+    @classmethod
+    def _of_fields(cls, *values: Any) -> Self:
+        """Build a result from its fields; a class whose constructor takes other arguments has its own."""
+        return cls(*values)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -313,7 +323,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
                 raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
             given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
             try:
-                made = build(**given)
+                made = build._of_fields(*given.values()) if issubclass(build, Result) else build(**given)
                 if isinstance(made, Result):
                     made._check()
             except InputError:

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.quantities import load_quantities
-from granphon.base.results import describe_value
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
@@ -39,6 +37,8 @@ def _write(value: Any, unit: str) -> str:
     """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all else as it is."""
     if unit in ("m", "Pa", "N", "N/m", "Hz"):
         return write_range(value, unit)
+    from granphon.base.results import describe_value  # with numpy, which the help of a command does not need
+
     return f"{describe_value(value)} {unit.removeprefix('1')}".rstrip()
 
 
@@ -136,6 +136,8 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
+    from granphon.base.quantities import load_quantities  # with numpy, too
+
     heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
     runs = counted(result.runs, "warm run")

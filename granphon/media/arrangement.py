@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,9 +26,11 @@ from granphon.base.errors import InputError, message
 from granphon.base.text import closest, counted
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import MediumBase
-from granphon.media.network_state import NetworkStates
+from granphon.media.state import NetworkStates
 
 Array = NDArray[np.float64]
+#: what an arrangement takes as a crystal does
+_OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked
 _QUICK_BALLS = 500
 
@@ -76,7 +78,7 @@ class Arrangement:
     cut : axis, number of layers, and (lower, upper) edge of each cut of that supercell, in turn.
     replace : numbers of balls of what was cut, each with the name of the kind that takes its place.
     remove : numbers of balls that are taken out then.
-    law : the contact law, or the items of a mapping of pairs of kinds to laws.
+    law : the contact law, or pairs of names of kinds, each with its law.
     friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`; torsion and bending are pure numbers.
     seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample, :meth:`Crystal.sample`.
     given : the crystal itself, if it was not made of the others.
@@ -101,7 +103,7 @@ class Arrangement:
     torsion: float | str = 0.0
     bending: float = 0.0
     seed: int = 0
-    given: InitVar[Crystal | None] = None
+    given: Crystal | None = field(default=None, repr=False, compare=False)
 
     @classmethod
     def of(cls, crystal: Crystal) -> Arrangement:
@@ -111,14 +113,11 @@ class Arrangement:
             tuple(zip(crystal.names, crystal.kinds, strict=True)), cell=tuple(map(tuple, crystal.cell.tolist())),
             sites=tuple(zip(map(tuple, crystal.positions.tolist()), names, strict=True)),
             cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
-            law=tuple(crystal.law.items()) if isinstance(crystal.law, Mapping) else crystal.law,
-            **{name: getattr(crystal, name) for name in ("friction", "motions", "torsion", "bending")}, given=crystal,
+            **{name: getattr(crystal, name) for name in _OPTIONS}, given=crystal,
         )  # fmt: skip
 
-    def __post_init__(self, given: Crystal | None) -> None:
-        self.__dict__["_is_given"] = given is not None
-        if given is not None:
-            self.__dict__["crystal"] = given
+    def __post_init__(self) -> None:
+        """Raise an error unless the crystal has a period."""
         if not self.crystal.periods:
             what, why = "the crystal repeats nowhere", "Scenes compute what waves do along periods"
             raise InputError(message(what, why, "Take gp.Crystal and gp.Waves, or leave a period"))
@@ -126,9 +125,11 @@ class Arrangement:
     @cached_property
     def crystal(self) -> Crystal:
         """The crystal."""
+        if self.given is not None:
+            return self.given
         balls = {name: replace(ball, name=name) for name, ball in self.kinds}
-        law = dict(self.law) if isinstance(self.law, tuple) else self.law
-        options = {name: getattr(self, name) for name in ("friction", "motions", "torsion", "bending")} | {"law": law}
+        options = {name: getattr(self, name) for name in _OPTIONS}
+        options["law"] = dict(self.law) if isinstance(self.law, tuple) else self.law
 
         def find(name: str) -> Ball:
             if name not in balls:
@@ -239,7 +240,7 @@ class Arrangement:
             of_ball = own in ("diameter", "mass")
             anew |= {own: value} if of_ball else {"material": replace(ball.material, **{own: value})}
             balls[kind] = replace(ball, **anew)
-        given = self.crystal.with_balls(balls) if self.__dict__["_is_given"] else None
+        given = None if self.given is None else self.given.with_balls(balls)
         return replace(self, kinds=tuple(balls.items()), given=given)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_table import TOUCH, require_joined
+from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
@@ -393,20 +393,14 @@ class ContactNetwork(Result):
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         full = np.ones(3, int)
         full[axes] = shape
-        cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, 3)
-        n, count = self.n_balls, len(cells)
-        steps = cells[:, None] + self.shift  # (cells, n_c, 3) cell of ball j
-        there, wrapped = np.mod(steps, full), np.floor_divide(steps, full)
-        number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), tuple(full))
+        cells, i, j, shift = repeat_contacts(self.i, self.j, self.shift, self.n_balls, tuple(full.tolist()))
+        count = len(cells)
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         contacts: dict[str, Any] = {
             name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1)))
             for name in self.contact_fields
         }
-        contacts |= {
-            "i": (n * np.arange(count)[:, None] + self.i).ravel(), "j": (n * number + self.j).ravel(),
-            "shift": wrapped.reshape(-1, 3),
-        }  # fmt: skip
+        contacts |= {"i": i, "j": j, "shift": shift}
         return replace(
             self, cell=self.cell * full[:, None],
             positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
@@ -596,7 +590,7 @@ class ContactNetwork(Result):
         Parameters
         ----------
         dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
-            mass if there is no material.
+            mass if there is no material. Elements, or else types, are the kinds of the balls where there are several.
         pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
             default: Hertz's at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12 of
             ``compute pair/local`` (default: to the nearest image); and tx, ty, tz, the tangential force on i, as p1, p2, p3

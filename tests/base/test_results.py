@@ -244,8 +244,15 @@ def every(packing, results):
     )
     found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
     surface = gp.Surface(gp.AveragedLattice(packing).at_force(5.0), 1)
+    chain = gp.Crystal.on("chain", [gp.Ball(packing.material, 8e-3), gp.Ball(packing.material, 6e-3)])
+    found += [chain, chain.at_force(5.0)]
     q = [[0.3]]
     found += [surface.spectrum(q, [1e3, 2e3]), surface.branches(q)]
+    found.append(gp.Phonons(surface.network).complex_bands([1e3, 2e3], 1))
+    strip = surface.network.cut(1, 3)
+    runs = [gp.transmission(surface.network, strip, surface.network, [1e3, 2e3], axis=1)] * 2
+    longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
+    found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
     return {type(result): result for result in found}
 
 

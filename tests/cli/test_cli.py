@@ -96,7 +96,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     "far point of the band": (
         "0 0 0 1/3", "0 0 0 1e9", 15, "phonopy.band", "'1e9' in '0 0 0 1e9 1/3 0",
-        "numbers from -1000 to 1000", "",
+        "a plain number from -1000 to 1000", "",
     ),
     "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
     "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),
