@@ -23,6 +23,7 @@ from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.base.validation import require, truth
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -665,7 +666,7 @@ class ContactState(State, Result):
         loads, and for a state of samples, which have networks of their own.
         """
         if self.samples:
-            what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
+            what = f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a lattice"
             raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
         lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
