@@ -16,6 +16,8 @@ from granphon.base.text import damage_error, digest, require_schema, show
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
+#: least over the largest end of a range, below which it is rounding
+_ROUNDING = 1e-14
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 #: types of values that plain data hold as they are
@@ -85,7 +87,10 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
     left = f", {size.size - finite.size} not finite" if finite.size < size.size else ""
     if not finite.size:
         return f"array {shape}{left}"
-    low, high = (describe_value(end.item()) for end in (finite.min(), finite.max()))
+    ends = np.array([finite.min(), finite.max()])
+    if kind == "f":  # an end that is rounding of the other is zero
+        ends[np.abs(ends) < _ROUNDING * np.max(np.abs(ends))] = 0.0
+    low, high = (describe_value(end) for end in ends.tolist())
     what = "magnitudes " if kind == "c" else ""
     return f"array {shape}, {what}{low} to {high}{left}" if low != high else f"array {shape}, all {what}{low}{left}"
 

@@ -26,8 +26,7 @@ from granphon.base.text import counted
 from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
-from granphon.media.network_state import as_state
-from granphon.media.state import State
+from granphon.media.state import State, as_state
 
 Array = NDArray[np.float64]
 #: s/km in s/m: slowness is drawn in s/km, which is ms/m

@@ -26,7 +26,7 @@ from granphon.base.errors import InputError, message
 from granphon.base.text import closest, counted
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import MediumBase
-from granphon.media.network_state import NetworkStates
+from granphon.media.state import NetworkStates
 
 Array = NDArray[np.float64]
 #: what an arrangement takes as a crystal does

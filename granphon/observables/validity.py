@@ -16,10 +16,8 @@ from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
-from granphon.media.loaded_lattice import ideal_lattice
-from granphon.media.network_state import as_state
 from granphon.media.simulation import DirectSimulation
-from granphon.media.state import State
+from granphon.media.state import State, as_state, ideal_lattice
 from granphon.networks.network import ContactNetwork
 
 #: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and what digits of a file add

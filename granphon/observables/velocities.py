@@ -19,8 +19,7 @@ from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
-from granphon.media.network_state import as_state, given_state
-from granphon.media.state import ContactState, State
+from granphon.media.state import ContactState, State, as_state, given_state
 from granphon.observables.validity import find_warnings
 
 Array = NDArray[np.float64]

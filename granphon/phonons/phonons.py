@@ -24,8 +24,7 @@ from granphon.base.text import counted
 from granphon.base.validation import grid_numbers, positive, real_array, whole_number
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.media.network_state import as_state, given_state
-from granphon.media.state import State
+from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
 from granphon.phonons.bands import Bands, PhononModes

@@ -26,9 +26,8 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.results import Result
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
-from granphon.media.state import ContactState
+from granphon.media.state import ContactState, ideal_lattice
 from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity

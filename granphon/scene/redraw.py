@@ -266,8 +266,7 @@ def _name_kind(path: Path) -> str:
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of a run; no array is simulated again."""
     # imported here, as a figure without asymptotes does not need the media
-    from granphon.media.loaded_lattice import ideal_lattice
-    from granphon.media.state import ContactState
+    from granphon.media.state import ContactState, ideal_lattice
     from granphon.scene.scene import Scene
 
     scene = Scene.from_yaml(source / "scene.yaml")

@@ -50,10 +50,9 @@ from granphon.media.choice import even_shape
 from granphon.media.cost import Cost, estimate, write_duration
 from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.left_out import LATTICE
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
-from granphon.media.state import ContactState
+from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult

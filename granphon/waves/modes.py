@@ -31,6 +31,7 @@ from granphon.base.results import Result
 from granphon.base.text import counted
 from granphon.base.validation import not_negative, whole_number
 from granphon.networks.network import ContactNetwork
+from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
 from granphon.waves.operator import UNSTABLE, WaveOperator
 
@@ -92,8 +93,11 @@ _FACTORED = {1: 1_000_000, 2: 300_000, 3: 12_000}
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2
 _SHIFT = 1e-6
-#: products with D that tell whether a network too large to be factorised is stable: eigenvalues are seen to 1e-5 of the top
-_KRYLOV = 400
+#: products with D that tell whether a network too large to be factorised is stable, and how well they tell an eigenvalue,
+#: over top^2. D is lower than the whole by a tenth of that, where overlaps are a fiftieth of the diameter
+_KRYLOV, _SEEN = 400, 1e-5
+#: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
+_BALANCED = 1e-5
 #: more vectors than are asked for
 _SPARE = 8
 
@@ -179,8 +183,11 @@ class Problem:
 
 
 def find_limit(operator: WaveOperator) -> float:
-    """Return how far below zero a squared frequency of a network at rest may be, (rad/s)^2."""
-    return (ZERO * operator.top) ** 2 + operator.slack
+    """Return how far below zero a squared frequency of a stable network may be, (rad/s)^2.
+
+    Static tangential forces set no limit: D, which lacks a part of them, lowers frequencies of zero.
+    """
+    return (ZERO * operator.top) ** 2 if operator.whole is None else math.inf
 
 
 def make_too_few(there: int, count: int) -> InputError:
@@ -459,6 +466,7 @@ class NetworkModes(Result):
 
     units = {"frequencies": "Hz"}
     _shapes = {"frequencies": "m", "vectors": "m n c"}
+    _notebook_fields = ("warnings",)
 
     frequencies: Array
     vectors: Array
@@ -467,6 +475,11 @@ class NetworkModes(Result):
     zero_modes: int | None
     residual: float
     network: ContactNetwork = field(repr=False)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each limit of the contact law that the network exceeds."""
+        return check_network(self.network).warnings
 
     @property
     def _energies(self) -> Array:
@@ -523,13 +536,24 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
 def require_stable(operator: WaveOperator) -> None:
     """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
 
-    Only static forces make one. Of networks too large to be factorised the lowest Ritz value of a Krylov space decides.
+    Only static forces make one. Where static tangential forces act, and D has a square below zero, the lowest eigenvalue of
+    the whole that is not symmetric decides: its real part is not below the lowest of D. Of networks too large to be
+    factorised the lowest Ritz value of a Krylov space of D decides.
     """
     if not operator.network.prestress:
         return
-    limit = find_limit(operator)
+    whole, least = operator.whole, -((ZERO * operator.top) ** 2)
     if operator.size <= _FACTORED[operator.network.dimension]:
-        stable = Problem(operator, np.arange(operator.size)).count_below(-limit) == 0
+        problem, low = Problem(operator, np.arange(operator.size)), least
+        stable = problem.count_below(low) == 0
+        if whole is not None and not stable:
+            from scipy.sparse.linalg import eigs
+
+            while problem.count_below(low):
+                low *= 100.0
+            start = np.random.default_rng(0).normal(size=operator.size)
+            (lowest,) = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8, return_eigenvectors=False)
+            stable = float(lowest.real) >= -((_BALANCED * operator.top) ** 2)
     else:  # Lanczos: the Krylov space of a random vector, whose lowest Ritz value is above the lowest eigenvalue
         from scipy.linalg import eigvalsh_tridiagonal
 
@@ -544,7 +568,7 @@ def require_stable(operator: WaveOperator) -> None:
             beside.append(across)
             before, x = x, y / across
         values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
-        stable = float(values[0]) >= -limit
+        stable = float(values[0]) >= (least if whole is None else -_SEEN * operator.top**2)
     if not stable:
         raise InstabilityError(UNSTABLE)
 

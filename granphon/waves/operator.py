@@ -9,10 +9,9 @@ are squared angular frequencies, (rad/s)^2, and singular values of A are angular
 that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
 Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no potential, as the law of discrete
-elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r),
-:attr:`WaveOperator.slack`.
+elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r).
 It is seen where an eigenvalue is zero: a ball with two contacts in space turns freely about the line through them, along
-which its forces are, and D makes a little less than zero of that.
+which its forces are, and D makes a little less than zero of that. So :attr:`WaveOperator.whole` tells whether it is stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
 :mod:`granphon.array.contact_operator`). Several vectors at once are left to the sparse matrix, which is read once for all of
@@ -193,15 +192,9 @@ class WaveOperator(LinearOperator[np.float64]):
         return found
 
     @cached_property
-    def slack(self) -> float:
-        """Squared frequency, (rad/s)^2, by which one of zero may be lowered as D leaves out a part N of G.
-
-        It is 4 N^2 / top^2, where N is the largest sum of a row. That is no bound: it takes the motions into which N turns
-        one of zero frequency to have a quarter of the squared frequency of the top, as in nearly all arrays that were tried.
-        """
-        if self._carried is None:
-            return 0.0
-        return (float(np.max(abs(self._carried - self._carried.T).sum(axis=1))) / self.top) ** 2
+    def whole(self) -> csr_array[Any] | None:
+        """D with the part of G that is not symmetric, (size, size), (rad/s)^2; None if no static tangential forces act."""
+        return None if self._carried is None else (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
 
     @cached_property
     def _blocks(self) -> Array:

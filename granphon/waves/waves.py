@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, wraps
 from inspect import signature
 from typing import Any, Concatenate, ParamSpec
@@ -78,7 +79,10 @@ class Waves:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`."""
+        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`.
+
+        Every result has them too.
+        """
         return check_network(self.network).warnings
 
     @cached_property
@@ -217,4 +221,5 @@ class Waves:
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
-        return transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
+        found = transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
+        return replace(found, warnings=(*self.warnings, *found.warnings))

@@ -407,6 +407,23 @@ def test_balls_near_the_threshold_come_to_rest(side, seed):
     assert state.stiffness > 0.0
 
 
+@pytest.mark.claim("rest-places")
+@pytest.mark.parametrize(("force", "off", "part"), [(0.0045, (1.3e-3, 7e-3), 0.08), (0.1, (1e-9, 1e-9), 1e-7)])
+def test_moduli_hardly_depend_on_where_loose_balls_lean(force, off, part):
+    stencils, found = Stencils((16, 16)), []
+    for seed in range(6):
+        x = gp.Uniform(1.0).sample((16, 16), seed)
+        x, load = x - np.mean(x), ReducedLoad(force=force)
+        pressed = equilibrate_exactly(x, ReducedLoad(force=3.0 * force), STEEL_WIDTH, stencils)
+        states = [equilibrate_exactly(x, load, STEEL_WIDTH, stencils, start) for start in (None, pressed)]
+        found.append([bulk_and_shear(state.find_elasticity(ETA)) for state in states])
+        assert np.max(np.abs(states[1].forces - states[0].forces)) < 3e-3 * force
+    moduli = np.array(found)
+    change = np.sqrt(np.mean((moduli[:, 1] / moduli[:, 0] - 1.0) ** 2, axis=0))
+    assert np.all(change < off)
+    assert np.all(change < part * np.std(moduli[:, 0], axis=0, ddof=1) / np.mean(moduli[:, 0], axis=0))
+
+
 def test_an_equilibrium_does_not_depend_on_the_other_loads():
     """Loose balls come to rest where their way leads them: it begins on the lattice, under the same load."""
     x, load = balls((12, 12), 3), ReducedLoad(overlap=-0.03)

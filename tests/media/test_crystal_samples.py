@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError, MechanismError
-from granphon.media.network_state import as_state
+from granphon.media.state import as_state
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 GLASS = gp.Material(young_modulus=70e9, poisson_ratio=0.22, density=2500.0)
