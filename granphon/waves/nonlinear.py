@@ -118,19 +118,14 @@ class _Powers:
         self.rest = self._force(overlap)
 
     def _force(self, overlap: Array) -> Array:
-        closed = np.maximum(overlap, 0.0)
-        power = closed * np.sqrt(closed) if self.is_hertz else closed**self.exponent
-        return np.asarray(self.coefficient * power)
+        return np.asarray(self.coefficient * np.maximum(overlap, 0.0) ** self.exponent)
 
     def press(self, elongation: Array) -> tuple[Array, Array]:
         """Return f - f_0, without a difference of near-equal forces, and the stiffness."""
-        closed = np.maximum(self.overlap - elongation, 0.0)
-        if self.is_hertz:  # r^3 - r_0^3 of roots r of overlaps, whose difference is that of the overlaps over their sum
-            root = np.sqrt(closed)
-            total = root + self.root
-            gap = np.divide(np.maximum(-elongation, -self.overlap), total, out=np.zeros_like(total), where=total > 0.0)
-            change = gap * (total * total - root * self.root)
+        if self.is_hertz:
+            change, _, root = hertz.stretch(self.overlap, self.root, elongation)
             return self.coefficient * change, hertz.stiffness_of(self.coefficient * root)
+        closed = np.maximum(self.overlap - elongation, 0.0)
         a, pressed = self.exponent, self.overlap > 0.0
         part = np.divide(-elongation, self.overlap, out=np.zeros_like(closed), where=pressed)
         with np.errstate(divide="ignore"):
@@ -140,14 +135,9 @@ class _Powers:
 
     def store(self, elongation: Array) -> Array:
         """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
-        closed = np.maximum(self.overlap - elongation, 0.0)
         if self.is_hertz:
-            r = self.root
-            total = np.sqrt(closed) + r
-            d = np.divide(np.maximum(-elongation, -self.overlap), total, out=np.zeros_like(r), where=total > 0.0)
-            own = d * d * (3.0 * r**3 + d * (4.0 * r * r + d * (2.0 * r + 0.4 * d)))
-            opened = np.minimum(self.overlap - elongation, 0.0)  # the load works on a contact that is open
-            return np.asarray(self.coefficient * (own - r**3 * opened))
+            return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, elongation)[1])
+        closed = np.maximum(self.overlap - elongation, 0.0)
         a = self.exponent
         own = self.coefficient * (closed ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0)
         return np.asarray(own + self.rest * elongation)
