@@ -441,13 +441,6 @@ def test_a_page_needs_neither_phonopy_nor_matplotlib():
 # -- the commands -----------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def work(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path
-
-
 def read_data(path: Path) -> dict[str, Any]:
     found = re.search(r'id="data">(.*?)</script>', path.read_text("utf-8"), re.DOTALL)
     assert found
