@@ -56,6 +56,12 @@ _TWICE, _POLISHED = 1e-9, 1e-14
 _IN_BAND, _NEWTON, _SETTLED = 48, 12, 1e-8
 #: phases from block to block at which the topology is found, and a determinant, over the size of its rows, that is zero
 _PHASES, _SINGULAR = 256, 1e-12
+#: -w, over the highest w, at which motions that cost nothing are told from others, and their least energy on top
+_FREE, _ON_TOP_FREE = 1e-10, 1e-3
+#: places of the points through which S is continued, over their unit
+_NODES = np.arange(-3.0, 4.0)
+#: last term of the polynomial, over the linear one, up to which it has converged
+_TAIL = 1e-5
 #: half width over frequency up to which a resonance is a leaky wave, and its least energy on top
 _NARROW, _ON_TOP = 0.05, 0.02
 
@@ -353,6 +359,18 @@ class HalfSpace:
         table = np.array(found).reshape(-1, 3)
         return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
 
+    def find_free_motions(self, q: Array) -> EdgeWaves:
+        """Find motions of the outer layers that cost nothing at q (n_q, p - 1), by the part of their energy on top.
+
+        Towards w = 0 from below, -w times the Green's function becomes the matrix of the outer parts of all such motions,
+        whose eigenvalues are these parts; others go as w, or as its root where a band reaches zero.
+        """
+        w = np.full(len(q), -_FREE * self.highest, complex)
+        green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
+        parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
+        place, branch = np.nonzero(parts > _ON_TOP_FREE)
+        return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
+
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
         """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
         place, gap = self._find_gaps(q, inside=True)
@@ -393,7 +411,30 @@ class HalfSpace:
         fresh = np.ones(len(kept), bool)
         fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _SETTLED * top)
         kept = kept[fresh]
-        return EdgeWaves(place[kept], w[kept] + 1j * shift[kept].imag, weight[kept])
+        return EdgeWaves(place[kept], self._find_poles(q, place[kept], w[kept] + 1j * shift[kept].imag), weight[kept])
+
+    def _find_poles(self, q: Array, place: Index, roots: Complex) -> Complex:
+        """Return the roots of S nearest to ``roots`` (n,) below the real axis, onto which S is continued by a polynomial.
+
+        Roots so near to a place where the velocity of a bulk wave across the edge vanishes that the last term of the
+        polynomial is felt stay as they are.
+        """
+        n, size, top = len(roots), self.size, self.highest
+        nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
+        unit = np.minimum(np.maximum(np.abs(roots.imag), _STEP * top), nearest / 3.0)
+        at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _DAMPED * top
+        values = self.inverse_green(q, np.tile(place, len(_NODES)), at).reshape(len(_NODES), n, size, size)
+        parts = np.einsum("kj,jnab->knab", np.linalg.inv(np.vander(_NODES, increasing=True)), values)
+        powers, t = np.arange(len(_NODES)), (1j * (roots.imag - _DAMPED * top)) / unit
+        for _ in range(_NEWTON):
+            slope = np.einsum("kn,knab->nab", powers[1:, None] * t ** powers[:-1, None], parts[1:])
+            steps = np.linalg.eigvals(np.linalg.solve(slope, -np.einsum("kn,knab->nab", t ** powers[:, None], parts)))
+            step = steps[np.arange(n), np.argmin(np.abs(steps), axis=1)]
+            t = t + step
+        tail = np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(parts[1], axis=(1, 2)) * np.abs(t) ** (len(parts) - 2)
+        good = (tail <= _TAIL) & (np.abs(step) <= _SETTLED) if n else np.zeros(0, bool)
+        found = roots.real + unit * t + 1j * _DAMPED * top
+        return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots)
 
     # -- topology ----------------------------------------------------------------------------------------------------------
 

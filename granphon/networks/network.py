@@ -590,7 +590,7 @@ class ContactNetwork(Result):
         Parameters
         ----------
         dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
-            mass if there is no material.
+            mass if there is no material. Elements, or else types, are the kinds of the balls where there are several.
         pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
             default: Hertz's at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12 of
             ``compute pair/local`` (default: to the nearest image); and tx, ty, tz, the tangential force on i, as p1, p2, p3

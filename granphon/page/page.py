@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Uniform
+from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
@@ -173,7 +174,7 @@ def describe_page(
         "schema": PAGE_SCHEMA,
         "lattice": describe_lattice(packing, path or BandPath.default(structure)),
         "balls": {
-            "diameter": packing.diameter, "mass": packing.mass, "coefficient": law.coefficient,
+            "diameter": packing.diameter, "mass": packing.mass, "coefficient": law.coefficient, "power": EXPONENT,
             "shear_modulus": packing.material.shear_modulus, "density": packing.effective_density,
             "mindlin_ratio": packing.material.mindlin_ratio,
             "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),

@@ -240,17 +240,22 @@ class Surface:
         found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
         return replace(found, waves=self.branches(q, leaky), distances=distances, corners=corners, labels=labels)
 
-    def branches(self, q: ArrayLike | None = None, leaky: bool = False) -> SurfaceBranches:
+    def branches(self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False) -> SurfaceBranches:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
 
         With ``leaky`` also resonances within the bands whose width is below a tenth of their frequency, and that have a
-        fiftieth of their energy on top; their width is that of first order. Motions at zero frequency, which deform no
-        contact, are not waves, and not among these. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
+        fiftieth of their energy on top; their width is that of the pole below the real axis, or of first order where the
+        velocity of a wave of the crystal across the edge nearly vanishes. Motions at zero frequency, which deform no
+        contact, are not waves; with ``free`` those that have a thousandth of their energy in the outer layers are listed
+        too, also of a crystal whose own motions cost nothing. Wave vectors nearer to Gamma than 1e-4 of the zone lose
+        digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
         found = [self.half_space.find_waves(fractions)]
         if leaky:
             found.append(self.half_space.find_leaky_waves(fractions))
+        if free:
+            found.append(self.half_space.find_free_motions(fractions))
         place, squares, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
         roots = np.sqrt(squares.astype(complex)) * unit
         order = np.lexsort((roots.real, place))

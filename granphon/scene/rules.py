@@ -7,6 +7,7 @@ data that the reader turns into the same value, to the last bit.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -564,6 +565,14 @@ def _read_counts(value: Any, what: str, high: int, low: int = 1) -> tuple[int, .
     return each(words if isinstance(words, list | tuple) else [words], partial(whole, low=low, high=high), what)
 
 
+def _read_removed(value: Any) -> tuple[int, ...]:
+    """Read the numbers of balls, each once."""
+    found = _read_counts(value, "numbers of balls", 10_000_000, 0)
+    if len(set(found)) < len(found):
+        raise Refused(f"ball {Counter(found).most_common(1)[0][0]} more than once", "the number of each ball once")
+    return found
+
+
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
     rules: dict[str, Rule] = {
         "axis": read_axis,
@@ -641,7 +650,7 @@ SITES = Kind.plain(
 REPEAT = Kind.plain(lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None)
 CUT = Kind.plain(_read_cuts, _write_cuts)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
-REMOVE = Kind.plain(lambda value: _read_counts(value, "numbers of balls", 10_000_000, 0), lambda one: list(one) or None)
+REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
 MOTIONS = Kind.plain(_read_any_motions)
