@@ -114,7 +114,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force (N),velocity (m/s)\n2,3\n",
             {"columns": {"velocty": "v"}},
-            "of column of measurements. Did you mean velocity",
+            "column of measurements. Did you mean velocity",
         ),
         (
             "force (N),velocity (m/s)\n2,3\n",
