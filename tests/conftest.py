@@ -77,6 +77,14 @@ def without_rights(path: Path, remove: bool = True) -> Iterator[None]:
 
 
 @pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """An empty working folder with the scene of the module in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(request.module.SCENE, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
 def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file system that keeps no locks, of a part of a file or, as its parameter says, of a whole file."""
 

@@ -15,7 +15,7 @@ from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
 from granphon.array.geometry import ReducedLoad
-from granphon.array.true_equilibrium import equilibrate_exactly
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
@@ -55,7 +55,7 @@ class Sample(Result):
 
     packing: Packing
     seed: int | None
-    equilibrium: Equilibrium
+    equilibrium: Equilibrium | TrueEquilibrium  # both are named so that plain data are made into them again
 
     @property
     def _units(self) -> WidthUnits:

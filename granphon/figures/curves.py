@@ -37,6 +37,7 @@ from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest
+from granphon.figures.bands import name_corners
 from granphon.figures.style import COLOURS, GUIDE, STYLE, VERMILION, pick_evenly, print_hertz
 from granphon.figures.words import (
     MEDIA,
@@ -48,7 +49,6 @@ from granphon.figures.words import (
     list_facts,
     write_value,
 )
-from granphon.figures.zones import name_corners
 from granphon.fits.fit import WidthFit
 from granphon.fits.measurements import Measurements
 from granphon.media.choice import AutoMedium

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
+from granphon.figures.bands import name_corners
 from granphon.figures.curves import describe_lines, find_load
 from granphon.figures.style import (
     BLUE,
@@ -29,7 +30,6 @@ from granphon.figures.style import (
     print_hertz,
 )  # fmt: skip
 from granphon.figures.words import find_differing, write_value
-from granphon.figures.zones import name_corners
 from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra

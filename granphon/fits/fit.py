@@ -95,34 +95,31 @@ def find_rounding(values: Array) -> float:
     return _FINEST_ROUNDING * largest
 
 
-def are_errors_known(given: bool, sigma: Array, velocity: Array) -> bool:
-    """Return whether standard errors rest on a ``given`` sigma, m/s, or on more scatter than the rounding of the data."""
-    return given or float(sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(velocity)
-
-
-def find_warnings(
-    names: Sequence[str], errors: Array, force: Array, velocity: Array, residuals: Array, leverages: Array, sigma: Array,
-    given: bool, equal_balls: Array,
-) -> list[str]:  # fmt: skip
+def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, known: bool) -> list[str]:
     """Return the reasons not to trust a fit.
 
     Parameters
     ----------
-    names, errors : names of the parameters, (p,), and their relative standard errors.
-    force, velocity : the data, (n,), N and m/s.
-    residuals : measured less fitted velocity, in units of sigma, (n,).
-    leverages : how far the fit follows each datum, (n,).
-    sigma : standard error of each velocity, m/s, (n,).
+    problem, logs : the problem, and the logarithms (p,) of the fitted parameters.
+    errors : relative standard errors of the parameters, (p,).
     given : whether sigma was given, rather than found from the scatter.
-    equal_balls : velocities of equal balls with the fitted modulus and diameter, m/s, (n,).
+    known : whether standard errors rest on more than the rounding of the data.
     """
     from scipy.special import ndtr, stdtr
+
+    names, force, velocity, sigma, dof = (
+        problem.model.names,
+        problem.model.force,
+        problem.velocity,
+        problem.sigma,
+        problem.dof,
+    )
+    (residuals, matrix), equal_balls, out = problem(logs), problem.model.equal_balls(logs)[0], list[str]()
+    leverages, chi2 = compute_leverages(matrix), float(residuals @ residuals) if given else float(dof)
 
     def describe(place: int) -> str:
         return f"datum {place + 1}, {velocity[place]:.4g} m/s at {force[place]:.4g} N,"
 
-    dof, known, out = len(velocity) - len(names), are_errors_known(given, sigma, velocity), list[str]()
-    chi2 = float(residuals @ residuals) if given else float(dof)
     # residuals
     p = compute_probability(chi2, dof) if given else math.nan
     if dof == 0:
@@ -143,8 +140,15 @@ def find_warnings(
     # data above the velocity of equal balls by more than their noise, which no width explains
     excess = velocity / equal_balls - 1.0
     if "width" in names and dof:
-        # the scatter about a fit that such data bend is no measure of their noise, and a given sigma may be too small
-        noise = max(_estimate_noise(force, velocity), np.finfo(float).eps)
+        # the scatter about a fit that such data bend is no measure of their noise, and a given sigma may be too small: the
+        # noise is the rms distance of velocities from lines through their neighbours in force
+        order = np.lexsort((velocity, force))
+        x, y = np.log(force[order]), np.log(velocity[order])
+        reach = x[2:] - x[:-2]
+        part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
+        off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
+        square = float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2))) if off.size else math.inf
+        noise = max(math.sqrt(square), np.finfo(float).eps)
         chances = ndtr(-excess / np.maximum(sigma / equal_balls, noise)) if given else stdtr(dof, -excess / noise)
         count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
         if count:
@@ -163,8 +167,8 @@ def find_warnings(
     # a datum off the fit of the others: r is its distance from that fit over the standard error of that distance
     if known and dof > 1:
         r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
-        off = int(np.argmax(r))
-        distance = float(r[off])
+        farthest = int(np.argmax(r))
+        distance = float(r[farthest])
         others = max(chi2 - distance**2, 1e-12)  # chi-squared of the others about a fit of their own
         if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
             one = float(ndtr(-distance))
@@ -173,23 +177,15 @@ def find_warnings(
             one = float(stdtr(dof - 1, -distance))
         chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
         if chance < _LEAST_CHANCE:
-            out.append(f"{describe(off)} lies {distance:.3g} standard errors off the fit of the others (p = {chance:.2g})")
+            out.append(
+                f"{describe(farthest)} lies {distance:.3g} standard errors off the fit of the others (p = {chance:.2g})"
+            )
     out += [
         f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
         for name, error in zip(names, errors.tolist(), strict=True)
         if known and error > _LARGE_ERROR
     ]
     return out
-
-
-def _estimate_noise(force: Array, velocity: Array) -> float:
-    """Return the relative noise of the velocities: their rms distance from lines through their neighbours in force."""
-    order = np.lexsort((velocity, force))
-    x, y = np.log(force[order]), np.log(velocity[order])
-    reach = x[2:] - x[:-2]
-    part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
-    off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
-    return math.sqrt(float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2)))) if off.size else math.inf
 
 
 @dataclass(frozen=True)
@@ -634,12 +630,9 @@ def fit_width(
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
     fitted, values = problem.model.fit_packing(logs), np.exp(logs)
-    warnings = find_warnings(
-        names, errors, data.force, data.velocity, residuals, compute_leverages(matrix), problem.sigma, given,
-        problem.model.equal_balls(logs)[0],
-    )  # fmt: skip
-    if not are_errors_known(given, problem.sigma, data.velocity):
-        covariance = np.full(covariance.shape, np.nan)
+    known = given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
+    warnings = find_warnings(problem, logs, errors, given, known)
+    covariance = covariance if known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
     loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.is_sampled else data.force
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)

@@ -370,12 +370,17 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
 
     ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the same unit.
     """
-    # imported here, as only a zone in space needs it
-    from ase.dft.bz import bz_vertices
+    # imported here, as only a zone in space needs it; the function of ASE would load matplotlib
+    from scipy.spatial import Voronoi
 
     short, faces = _reduce(reciprocal), []
     size = float(np.linalg.norm(short, axis=1).max())
-    for ring, outward in bz_vertices(short / size):
+    points = np.array(list(itertools.product((-1, 0, 1), repeat=3))) @ short / size
+    cells, gamma = Voronoi(points), 13
+    for places, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
+        if gamma not in pair:
+            continue
+        ring, outward = cells.vertices[places], points[pair].sum(axis=0)
         # a neighbour that the zone touches in an edge or a corner only gives a face without area
         corners = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _SAME_CORNER]
         area = np.sum(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]), axis=0) if len(corners) > 2 else 0.0

@@ -580,49 +580,42 @@ class Plan:
             least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, structure.reach))
             raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
         if self.finite_overlap:
-            try:
+            with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 no_simulation(self.media)
-            except InputError as error:
-                raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
         for one in self.media:
-            try:
+            with rules.refusing(one.label, "a medium of these balls", "medium"):
                 one.require_for(self.packing)
-            except InputError as error:
-                raise Refused(repr(one.label), "a medium of these balls", str(error), ("medium",)) from None
-        if self.packing.is_held and "velocities" in self.observe:
-            mend = "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."
-            raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
-        if "gaps" in self.observe and not self.is_single:
-            raise Refused("'gaps' of several states", "gaps of one state", "Observe bands.", ("observe",))
-        if "surface" in self.observe:
-            if self.surface is None:
-                mend = "Add a block such as surface: {axis: 1}."
-                raise Refused("'surface' without an axis", "surface with a block 'surface'", mend, ("observe",))
-            if any(one.name == "simulation" for one in self.media):
-                mend = "An array has no edge of its own: take another medium."
-                raise Refused("'surface' of a simulation", "surface of a lattice or crystal", mend, ("observe",))
-            if changing := [name for name in dict(self.parameters) if name in ("lattice", "motions")]:
-                mend = "Make a scene of each."
-                raise Refused(f"'surface' with a sweep over {changing[0]}", "surface of one lattice", mend, ("observe",))
-            with rules.refusing(self.surface.axis, "an axis across which the balls repeat", "surface", "axis"):
-                Layers.across(self.surface.axis, structure.vectors)
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
         names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
-        try:
+        several = ", where there are several loads or media or a sweep" * ("dos" in names)
+        arrays = f"{', '.join(names)} of arrays that a medium: simulation makes{several}"
+        with rules.refusing("".join(names[:1]), arrays, "observe"):
             require_arrays(self.media, dict(self.parameters), names)
-        except InputError as error:
-            allowed = f"{', '.join(names)} of arrays that a medium: simulation makes"
-            if "dos" in names:
-                allowed += ", where there are several loads or media or a sweep"
-            raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
-        if "pulse" in names and self.pulse is None:
-            mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
-            raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
+        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
+        branches = self.parameters_of_branches
+        # an observable, whether it cannot be observed, what was found of it, what is allowed, and how to mend it
+        for name, fails, found, allowed, mend in (
+            ("velocities", self.packing.is_held, "of balls that are held", "bands, gaps, dos of these",
+             "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."),
+            ("gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."),
+            ("surface", self.surface is None, "without an axis", "surface with a block 'surface'",
+             "Add a block such as surface: {axis: 1}."),
+            ("surface", any(one.simulates for one in self.media), "of a simulation", "surface of a lattice or crystal",
+             "An array has no edge of its own: take another medium."),
+            ("surface", changing, f"with a sweep over {' and '.join(changing)}", "surface of one lattice",
+             "Make a scene of each."),
+            ("pulse", self.pulse is None, "without a frequency", "pulse with a block 'pulse'",
+             "Add a block such as pulse: {frequency: 6.5 kHz}."),
+            ("bands", branches, f"with a sweep over {' and '.join(branches)}",
+             "velocities, as the branches differ in number or zone", "Make a scene of each."),
+        ):  # fmt: skip
+            if name in self.observe and fails:
+                raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
+        if self.surface is not None and "surface" in self.observe:
+            with rules.refusing(self.surface.axis, "an axis across which the balls repeat", "surface", "axis"):
+                Layers.across(self.surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
-        if "bands" in self.observe and (changing := self.parameters_of_branches):
-            allowed = "velocities, as the branches differ in number or zone"
-            raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
         if self.band is not None:
             path = partial(read_paths, periods=structure.periods)
             read_inside("phonopy", partial(read_inside, "band", path), str(self.band))

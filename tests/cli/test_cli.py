@@ -44,14 +44,6 @@ phonopy:
 SPECTRA = SCENE.replace("[velocities]", "[velocities, bands, dos]")
 
 
-@pytest.fixture
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty working folder with a scene in it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path
-
-
 def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options)
 

@@ -202,21 +202,11 @@ def test_every_branch_near_gamma_at_forty_digits(twin, lattice, size):
 # -- finite overlap ---------------------------------------------------------------------------------------------------
 
 
-@given(overlap=st.floats(-12, -0.6), eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)), angle=angles)
-def test_prestressed_velocities_in_closed_form(overlap, eta, angle):
-    delta = 10.0**overlap
-    spacing, p = 1 - delta, 2 / 3 * delta / (1 - delta)
-    lattice = gp.ContactLattice.of("triangular", eta, spacing, p)
-    velocities, _ = lattice.sound_velocities((math.cos(angle), math.sin(angle)))
-    expected = np.array([9 / 8 + 3 / 8 * (eta - p), 3 / 8 * (1 + eta) - 9 / 8 * p]) * spacing**2
-    assert_allclose(velocities**2, expected, rtol=1e-13 / (1 - 3 * p))
-
-
-@given(diameter=diameters, load=loads, friction=st.booleans())
-def test_prestressed_velocities_of_packings(diameter, load, friction):
-    packing = gp.Packing(gp.Material(7e10, 0.2, 2500.0), diameter, friction=friction)
-    state = gp.AveragedLattice(packing).at_force(load * 7e10 * diameter**2, finite_overlap=True)
-    velocities = gp.sound_velocities(state)
+@given(diameter=diameters, overlap=st.floats(-12, -0.6), sigma=st.floats(-0.99, 0.5), friction=st.booleans(), angle=angles)
+def test_prestressed_velocities_in_closed_form(diameter, overlap, sigma, friction, angle):
+    packing = gp.Packing(gp.Material(7e10, sigma, 2500.0), diameter, friction=friction)
+    state = gp.AveragedLattice(packing).at_overlap(10.0**overlap * diameter, finite_overlap=True)
+    velocities = gp.sound_velocities(state, (math.cos(angle), math.sin(angle)))
     with mpmath.workdps(40):
         f, k, d = mpmath.mpf(state.force), mpmath.mpf(state.normal_stiffness), mpmath.mpf(diameter)
         a = d - mpmath.mpf(state.overlap)

@@ -52,12 +52,10 @@ def unit(rough):
 
 
 @pytest.fixture
-def work(tmp_path, monkeypatch):
-    """A working folder with a scene of one state, and one of a sweep."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    (tmp_path / "sweep.yaml").write_text(SWEEP, encoding="utf-8")
-    return tmp_path
+def work(work):
+    """The working folder with a scene of one state, and one of a sweep."""
+    (work / "sweep.yaml").write_text(SWEEP, encoding="utf-8")
+    return work
 
 
 def refused(work, capsys, text, *arguments):

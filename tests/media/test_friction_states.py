@@ -127,11 +127,6 @@ def test_samples_run_side_by_side_with_the_same_numbers():
     assert hash(simulation()) == hash(simulation())
 
 
-def test_plain_data_come_back():
-    state = cycle()[1]
-    assert type(state).from_dict(json.loads(json.dumps(state.to_dict()))) == state
-
-
 def test_progress_is_told():
     progress = MagicMock()
     simulation().path(overlap=[0.05 * W, 0.1 * W], progress=progress)
@@ -452,12 +447,9 @@ def test_at_high_load_such_lattices_respond_as_that_of_equal_balls(lattice, shap
             {"friction_history": False, "friction_coefficient": None, "start": 0.6},
             "start: found 0.6 without friction_history",
         ),
-        ({"friction_history": 1}, "friction_history: found 1; allowed: true or false"),
         ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
         ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: one force in SI"),
-        ({"start": Load("force", [1.0, 2.0])}, "start: found 2 loads; allowed: one load"),
         ({"shear_response": "glue"}, "shear_response: found 'glue'; allowed: stick, slide, partial_slip"),
-        ({"step_tolerance": 0.0}, "step_tolerance: found 0"),
         ({"geometry": "curved"}, "geometry: found 'curved'; allowed: lattice, exact"),
         ({"geometry": "exact", "packing": gp.Packing(STEEL, 8e-3)}, "exact geometry of equal balls is not simulated"),
         ({"start": "liquid"}, "start: found 'liquid'; allowed: a reduced spacing .* or gas"),
@@ -824,10 +816,6 @@ def test_a_fit_below_the_start_says_which_datum():
     ("given", "why"),
     [
         (options("friction_history: true"), r"medium.simulation.friction_coefficient: found no friction_coefficient"),
-        (
-            options(*HISTORY, "start: {force: [1 N, 2 N]}"),
-            r"start.force: found \['1 N', '2 N'\]; allowed: one force. A loading",
-        ),
         (options(*HISTORY, "start: {overlap: 20 mm}"), r"found {overlap: 20 mm}; .* the start of the loading: overlap"),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
         (options("friction_histroy: true"), "Did you mean 'friction_history'"),

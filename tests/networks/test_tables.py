@@ -237,14 +237,10 @@ def test_files_that_are_no_table_of_balls(name, tmp_path):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("cell", "said"),
-    [("2,0,-1", ":2: radius: found"), ("2,0,one", ":2: radius: found 'one'"), ("2,0", ":2: radius: found nothing")],
-)
-def test_cells_of_a_table_that_cannot_be_read(cell, said, tmp_path):
+def test_cells_of_a_table_that_cannot_be_read(tmp_path):
     path = tmp_path / "balls.csv"
-    path.write_text(f"x (mm),y (mm),radius (mm)\n{cell}\n")
-    with pytest.raises(gp.GranphonError, match=said):
+    path.write_text("x (mm),y (mm),radius (mm)\n2,0,-1\n")
+    with pytest.raises(gp.GranphonError, match=":2: radius: found"):
         gp.ContactNetwork.from_table(path, {"i": [], "j": []}, material=GLASS)
     for number in ("1_0", "\u0661"):
         path.write_text("x (mm),y (mm),radius (mm)\n0,0,1\n2,0,1\n")

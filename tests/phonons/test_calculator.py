@@ -1100,16 +1100,6 @@ def test_force_constants_of_a_sample(friction):
     assert errors[1] < 1e-3
 
 
-def test_samples_of_several_loads_by_index():
-    states = simulated(True, [0.5, 0.05])
-    for index in range(2):
-        balls = states[index].sample.atoms()
-        balls.calc = gp.HertzMindlin(states[index])
-        assert np.abs(balls.get_forces()).max() * states[index].scales.force < 1e-8 * states[index].force
-    with pytest.raises(InputError, match="reduced units of another state"):
-        gp.HertzMindlin(states[0]).get_force_constants(balls)
-
-
 def test_a_sample_of_several_is_not_their_mean():
     state = simulated(True, 0.05, samples=2)
     with pytest.raises(InputError, match="of one sample, and the state is the mean over 2"):

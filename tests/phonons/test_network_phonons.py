@@ -146,11 +146,6 @@ def ribbon_of_layers(k):
 # -- gaps ---------------------------------------------------------------------------------------------------------------
 
 
-def test_the_gap_of_a_diatomic_chain():
-    chain = diatomic_chain()
-    assert_allclose(gp.Phonons(chain).gaps() * 2 * np.pi, [np.sqrt([2 * 3.0 / 2.5, 2 * 3.0])], rtol=1e-13)
-
-
 def test_there_is_no_gap_where_branches_touch():
     """Equal masses fold a band at the edge of the zone; in the plane they touch at K."""
     assert gp.Phonons(table_network(*DIATOMIC[:2], 1.0, *DIATOMIC[3:], dimension=1, motions="longitudinal")).gaps().size == 0

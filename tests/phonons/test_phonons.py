@@ -15,7 +15,6 @@ import granphon as gp
 from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from tests.phonons.conftest import (
-    ETA,
     RESISTED,
     at_overlap,
     every_case,
@@ -155,19 +154,6 @@ def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
     still = len(ph.atoms) * len(ph.lattice.motions.still_slots)
     assert len(ph.phonopy.unitcell) == len(ph.atoms) * ph.lattice.motions.atoms_per_ball
     np.testing.assert_allclose(theirs, np.sort(np.pad(ours, ((0, 0), (still, 0))), axis=1), atol=1e-13 * ours.max())
-
-
-def test_closed_forms_at_symmetry_points():
-    # steel's branches at K, M and Gamma, k/M = 1
-    state = at_overlap()
-    ph = gp.Phonons(state)
-    found = (ph.frequencies([[0, 0], [0.5, 0], [1 / 3, 1 / 3]]) / state.scales.frequency) ** 2
-    np.testing.assert_allclose(found[0], [0.0, 0.0, 30.0 * ETA], atol=1e-13)
-    # M: motion along and across the row, 6 + 2 eta and 2 + 6 eta, and pure rotation 10 eta
-    np.testing.assert_allclose(found[1], np.sort([6 + 2 * ETA, 2 + 6 * ETA, 10 * ETA]), rtol=1e-13)
-    # K: two degenerate mixed motions 9/2 (1 + eta) coupled to none, and pure rotation 15 eta / 2
-    np.testing.assert_allclose(found[2, 0], 7.5 * ETA, rtol=1e-13)
-    np.testing.assert_allclose(found[2, 1:], 4.5 * (1.0 + ETA), rtol=1e-13)
 
 
 # -- other cells of the same balls --------------------------------------------------------------------------------------

@@ -392,11 +392,11 @@ def test_a_result_that_is_read_again_is_not_removed_as_old(work):
     Scene.from_yaml("scene.yaml").run("out")
     (work / "again.yaml").write_text(ONE.replace("{uniform: 2.04 um}", "{measured: {file: out/diameters.csv}}"))
     again = Scene.from_yaml("again.yaml")
-    assert [path.name for path in again.inputs] == ["again.yaml", "diameters.csv"]
+    assert [path.name for path in again.origin.inputs] == ["again.yaml", "diameters.csv"]
     with pytest.raises(FileExistsInRunError, match="is read by this run"):
         again.run("out", force=True)
     swept = Scene.from_text(SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]"))
-    assert swept.inputs == (Path("out/diameters.csv"),)
+    assert swept.origin.inputs == (Path("out/diameters.csv"),)
 
 
 def test_a_folder_has_one_run_at_a_time(work, capsys):

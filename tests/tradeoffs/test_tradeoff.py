@@ -638,13 +638,6 @@ def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(f
 # -- the command line ---------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def work(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path
-
-
 def test_a_command_writes_table_and_picture(work, capsys):
     assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "200 ms", "--loads", "1"]) == 0
     assert sorted(path.name for path in (work / "out").iterdir()) == [".granphon-files", "tradeoff.csv", "tradeoff.png"]
