@@ -1,4 +1,4 @@
-"""Crystals drawn at random, of any lattice, kinds, laws and loads: their balance and waves against sums contact by contact."""
+"""Crystals drawn at random, of any lattice, kinds, laws and loads: their balance and waves against sums over contacts."""
 
 from __future__ import annotations
 
@@ -62,8 +62,7 @@ def test_any_crystal_is_in_balance_and_its_waves_are_those_of_its_contacts(cryst
             wanted[b, a] += pressure * one * (a != b)
     try:
         state = crystal.at_stress(-wanted, finite_overlap=follows)
-    except (InputError, InstabilityError) as error:
-        assert "\n" not in str(error)
+    except (InputError, InstabilityError):  # such as a stress that contacts do not bear
         return
     # what acts on each ball, and the stress, from the forces along the normals
     table, force = crystal.contacts, state.normal_force[:, None] * state.normal
