@@ -112,35 +112,26 @@ class Motion(Result):
 class _Powers:
     """Normal forces f = c h_+^a of contacts, as functions of their elongation e = h_0 - h from rest."""
 
-    def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
-        self.exponent, self.coefficient, self.overlap = exponent, coefficient, overlap
-        self.is_hertz, self.root = exponent == hertz.EXPONENT, np.sqrt(overlap)
-        self.rest = self._force(overlap)
-
-    def _force(self, overlap: Array) -> Array:
-        return np.asarray(self.coefficient * np.maximum(overlap, 0.0) ** self.exponent)
+    def __init__(self, exponent: float, rest: Array, overlap: Array) -> None:
+        self.exponent, self.rest, self.overlap, self.root = exponent, rest, overlap, np.sqrt(overlap)
+        self.coefficient = rest / overlap**exponent
 
     def press(self, elongation: Array) -> tuple[Array, Array]:
         """Return f - f_0, without a difference of near-equal forces, and the stiffness."""
-        if self.is_hertz:
+        if self.exponent == hertz.EXPONENT:
             change, _, root = hertz.stretch(self.overlap, self.root, elongation)
             return self.coefficient * change, hertz.stiffness_of(self.coefficient * root)
-        closed = np.maximum(self.overlap - elongation, 0.0)
-        a, pressed = self.exponent, self.overlap > 0.0
-        part = np.divide(-elongation, self.overlap, out=np.zeros_like(closed), where=pressed)
+        a, part = self.exponent, np.maximum(1.0 - elongation / self.overlap, 0.0)
         with np.errstate(divide="ignore"):
-            change = self.rest * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
-        stiff = np.where(closed > 0.0, a * self.coefficient * np.maximum(closed, 1e-300) ** (a - 1.0), 0.0)
-        return np.where(pressed, change, self.coefficient * closed**a), stiff
+            change = self.rest * np.expm1(a * np.log1p(np.maximum(-elongation / self.overlap, -1.0)))
+        return change, np.where(part > 0.0, a * self.rest / self.overlap * part ** (a - 1.0), 0.0)
 
     def store(self, elongation: Array) -> Array:
         """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
-        if self.is_hertz:
+        if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, elongation)[1])
-        closed = np.maximum(self.overlap - elongation, 0.0)
-        a = self.exponent
-        own = self.coefficient * (closed ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0)
-        return np.asarray(own + self.rest * elongation)
+        a, part = self.exponent, np.maximum(1.0 - elongation / self.overlap, 0.0)
+        return np.asarray(self.rest * (self.overlap * (part ** (a + 1.0) - 1.0) / (a + 1.0) + elongation))
 
 
 class NonlinearWaves:
@@ -161,8 +152,8 @@ class NonlinearWaves:
 
     Raises
     ------
-    InputError : no network; contacts without force, whose overlap is not known; a law that is no power; static forces that
-        act sideways (``prestress``); numbers out of range.
+    InputError : no network; contacts without force, whose overlap is not known; a law that is no power; a network with
+        ``prestress``, whose static forces act sideways; numbers out of range.
     """
 
     def __init__(
@@ -179,7 +170,12 @@ class NonlinearWaves:
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
             raise InputError(message(what, "Their overlap is not known", "Press the network, or leave them out"))
         self.overlap: Array = self.exponent * force / stiffness
-        self._powers = _Powers(self.exponent, force / self.overlap**self.exponent, self.overlap)
+        if self.network.prestress:
+            why = "Contacts keep their directions in this motion, and static forces would turn them"
+            raise InputError(
+                message("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
+            )
+        self._powers = _Powers(self.exponent, force, self.overlap)
         self.mu = (
             friction_coefficient
             if friction_coefficient == math.inf

@@ -254,6 +254,8 @@ def test_what_has_no_overlap_is_refused():
     network = line(10.0, 4)
     with pytest.raises(InputError, match="have no force"):
         gp.NonlinearWaves(replace(network, normal_force=np.zeros(3)))
+    with pytest.raises(InputError, match="sideways"):
+        gp.NonlinearWaves(replace(network, prestress=True))
     with pytest.raises(InputError, match="law is"):
         gp.NonlinearWaves(network, law=gp.JKR(0.1))
     held = replace(network, masses=np.where([True, False, False, False], np.inf, network.masses))
