@@ -137,6 +137,13 @@ def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> 
     return found[0], found[1]
 
 
+def find_outer(heights: Array) -> NDArray[np.bool_]:
+    """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and the upper one."""
+    low, high = float(heights.min()), float(heights.max())
+    quarter = 0.25 * (1.0 + _SITE) * (high - low)
+    return np.stack([heights <= low + quarter, heights >= high - quarter])
+
+
 def _find_basis(axis: Any, cell: Array) -> Index:
     """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
     periods = len(cell)
