@@ -328,7 +328,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     ``reached`` of the error is then the state at the loads before.
     """
 
-    name = "simulation"
+    name, words = "simulation", "simulation"
 
     @property
     def is_quick(self) -> bool:

@@ -155,6 +155,10 @@ class WaveOperator(LinearOperator[np.float64]):
         held: csr_array[Any] = (found + 0.5 * (self._carried + self._carried.T)).tocsr()
         return held
 
+    def compose(self, rows: list[Row]) -> csr_array[Any]:
+        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions."""
+        return self._make_matrix(rows, [1.0] * len(rows))
+
     def matrix_of_wave(self, phase: NDArray[Any], elongation: complex = 1.0, other: complex = 1.0) -> csr_array[Any]:
         """Return D of waves along the periods, across whose boundaries balls j of contacts move with the ``phase`` (n_c,).
 
