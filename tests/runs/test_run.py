@@ -338,7 +338,7 @@ def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
     scene.run("out")
     assert listed(work / "out") == NUMBERS
     (work / "scene.yaml").write_text(text)
-    said = "sweep.png: its lines show one parameter, and friction and width vary; sweep.csv has the numbers"
+    said = "its lines show one parameter, and friction and width vary; sweep.csv has the numbers, and granphon plot --x"
     for words, heading, told in (
         (["check", "scene.yaml"], "will not draw", True),
         (["run", "scene.yaml", "-o", "drawn"], "not drawn", True),
