@@ -324,7 +324,7 @@ def find_load(dataset: Dataset) -> str:
     return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
-def read_values(dataset: Dataset, name: str) -> Any:
+def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
@@ -333,7 +333,8 @@ def read_values(dataset: Dataset, name: str) -> Any:
     if name not in list_quantities(dataset, "fiub"):
         raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
     if not np.any(np.isfinite(values)):
-        raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
+        why = "It is infinite for equal balls" if name == "reduced_force" else ""
+        raise InputError(message(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"))
     sizes = np.abs(np.asarray(values, float))
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
@@ -374,7 +375,7 @@ def read_curve(
     def take(values: Any) -> Any:
         return np.asarray(values.isel(index, missing_dims="ignore"))
 
-    across, along = read_values(dataset, x), read_values(dataset, variable)
+    across, along = (read_values(dataset, name, run) for name in (x, variable))
     error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
@@ -688,10 +689,6 @@ def _draw_together(
     curves = list[Curve]()
     for run in runs:
         assert run.dataset is not None  # choose_axes has seen that
-        for name in (across, along):
-            if not np.any(np.isfinite(run.dataset[name])):
-                why = "It is infinite for equal balls" if name == "reduced_force" else ""
-                raise InputError(message(f"{name} of {run.name} is nowhere finite", why, "Draw it over another load"))
         if run.measured is not None:
             curves.append(replace(read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True))
         named = {"name": run.name} if run.named else {}

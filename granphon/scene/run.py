@@ -537,7 +537,7 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.spectra import sweep_dos_figure, sweep_spectra_figure
+        from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure

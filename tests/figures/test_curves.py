@@ -238,7 +238,7 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
         ({"a": steel, "b": fit}, {"y": "bulk"}, "^b holds no bulk"),
         ({"a": steel}, {"y": "longitudnal"}, "Did you mean longitudinal"),
         ({"a": steel}, {"x": "presure"}, "Did you mean pressure"),
-        ({"a": fcc}, {"x": "reduced_force"}, "^reduced_force of a is nowhere finite. It is infinite for equal balls"),
+        ({"a": fcc}, {"x": "reduced_force"}, "^reduced_force of a has no finite value. It is infinite for equal balls"),
         ({"a": "text"}, {}, "'text' shares no figure with others"),
         ({}, {}, "nothing to draw"),
     ):
