@@ -814,8 +814,8 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
             load = load.lower().replace(" ", "_")
         if load not in _LOADS and not turned:
             meant = closest(load, _LOADS)
-            held = runs[0].dataset
-            own = [] if held is None else [one for one in list_parameters(held) if held[one].dtype.kind in "fiu"]
+            data = runs[0].dataset
+            own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
             mend = f"Did you mean {meant}" if meant else "Use " + ", ".join((*_LOADS, *own))
             raise InputError(message(f"{x!r} is no load", mend=mend))
         if without := [run for run in runs if load not in run.quantities]:
