@@ -360,6 +360,13 @@ def list_parameters(dataset: Dataset) -> list[str]:
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
+def turn_over(dataset: Dataset, x: str | None) -> Dataset:
+    """Return the data set with the parameter ``x`` in the place of the load, if it is one in numbers: curves lie over it."""
+    if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
+        return dataset
+    return dataset.drop_vars("load", errors="ignore").swap_dims({"load": find_load(dataset)}).rename_dims({x: "load"})
+
+
 def read_curve(
     dataset: Dataset, variable: str, x: str, index: dict[str, int], run: str = "", facts: dict[str, str] | None = None
 ) -> Curve:
@@ -421,6 +428,8 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
             value = dataset[name].values[number]
             value = value.item() if hasattr(value, "item") else value
             kind, text = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
+            if name in _LOADS:
+                text = f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
             facts[kind] = text
         found += [(facts | own, at | {"medium": m}) for m, own in enumerate(media)]
     return found
@@ -438,7 +447,7 @@ def plot_sweep(
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
     variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
-        pressure or an overlap.
+        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load.
     legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
@@ -463,6 +472,7 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
 
     These are the media, combinations of parameters, grey if there are several media, and what holds for all curves.
     """
+    dataset = turn_over(dataset, x)
     x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
     read_values(dataset, variable)
     lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1]["medium"])
@@ -673,6 +683,8 @@ def _draw_together(
         name = print_hertz(unit)
         ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
         return drawn
+    if x:
+        runs = [run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip())) for run in runs]
     across, along = choose_axes(runs, x, y)
     curves = list[Curve]()
     for run in runs:
@@ -797,10 +809,14 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
         load = loads.pop() if len(loads) == 1 else "force"
     else:
-        load = x.strip().lower().replace(" ", "_")
-        if load not in _LOADS:
+        load = x.strip()
+        if not (turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)):
+            load = load.lower().replace(" ", "_")
+        if load not in _LOADS and not turned:
             meant = closest(load, _LOADS)
-            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(_LOADS)
+            data = runs[0].dataset
+            own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
+            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join((*_LOADS, *own))
             raise InputError(message(f"{x!r} is no load", mend=mend))
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
