@@ -218,9 +218,9 @@ def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypa
     loads: list[object] = []
     solve = equilibria.equilibrate
 
-    def counted(deviations, load, *rest):
+    def counted(deviations, load, *rest, **named):
         loads.append(load)
-        return solve(deviations, load, *rest)
+        return solve(deviations, load, *rest, **named)
 
     for module in (samples, equilibria):
         monkeypatch.setattr(module, "equilibrate", counted)
