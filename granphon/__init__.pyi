@@ -75,6 +75,10 @@ from .tradeoffs.measure import TradeOff as TradeOff
 from .tradeoffs.measure import tradeoff as tradeoff
 from .waves.dos import SpectralDensity as SpectralDensity
 from .waves.modes import NetworkModes as NetworkModes
+from .waves.nonlinear import Drive as Drive
+from .waves.nonlinear import Motion as Motion
+from .waves.nonlinear import NonlinearWaves as NonlinearWaves
+from .waves.nonlinear import amplitude_shift as amplitude_shift
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.spectral_functions import SpectralFunction as SpectralFunction

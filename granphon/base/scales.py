@@ -168,13 +168,11 @@ class Units:
         """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
-            raise InputError(
-                message(
-                    f"the scales {', '.join(missing)} are missing",
-                    "Objects in reduced units carry their scales with them",
-                    "Make the object with granphon, or add the missing entries",
-                )
+            what, why = (
+                f"the scales {', '.join(missing)} are missing",
+                "Objects in reduced units carry their scales with them",
             )
+            raise InputError(message(what, why, "Make the object with granphon, or add the missing entries"))
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
 

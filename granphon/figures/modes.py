@@ -327,7 +327,8 @@ def _draw_spheres(
 ) -> None:
     """Draw balls of ``radii`` (n,) as spheres with arrows, or where they have ``moved``, with three great circles on each.
 
-    An arrow starts at the surface of its ball, so that its length is all seen: black for the displacement, ``shift`` (n, 3),
+    An arrow starts at the surface of its ball, and one that points away from the viewer at the outline of the ball, so that
+    its length is all seen: black for the displacement, ``shift`` (n, 3),
     vermilion for the rotation, ``turn`` (n, 3), which is about its arrow. The arc with a head shows the angle through which
     the surface has turned, on the side of the viewer; looking along the arrow, the ball turns clockwise.
     """
@@ -357,7 +358,9 @@ def _draw_spheres(
         for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
             if length > _LEAST:
-                painter.add_arrow(centre + radius / length * arrow, arrow, colour, _SHAFT)
+                start = arrow - min(float(arrow @ view.axes[2]), 0.0) * view.axes[2]
+                size = float(np.linalg.norm(start)) or 1.0  # along the line of sight nothing is seen of it
+                painter.add_arrow(centre + radius / size * start, arrow, colour, _SHAFT)
         if not moved and scale * np.linalg.norm(phi) > _LEAST:
             # the arc through which a point of the surface, on the side of the viewer, is turned, with a head
             toward, reach, rim = view.axes[2], float(np.linalg.norm(phi)), 1.03 * radius
@@ -370,6 +373,7 @@ def _draw_spheres(
             angles = reach * np.linspace(-0.5, 0.5, 25)
             arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
             near, end, head = float(view.nearness(centre)) + 1e-3 * rim, angles[-1], 0.5 * rim
+            painter.add_line(arc, "white", 2.6, nearness=near - 1e-4 * rim)  # on balls of any colour
             painter.add_line(arc, VERMILION, 1.1, nearness=near)
             tangent = -np.sin(end) * front + np.cos(end) * side
             painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)

@@ -344,7 +344,7 @@ class LoadedCrystal(NetworkStates):
 class CrystalMedium(MediumBase[Any]):
     """Balls of several kinds, each contact with its own law and force: what an :class:`Arrangement` makes."""
 
-    name = "crystal"
+    name, words = "crystal", "crystal"
 
     packing: Any
 

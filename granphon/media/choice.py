@@ -77,7 +77,7 @@ class AutoMedium(MediumBase[ContactState]):
         does not offer.
     """
 
-    name = "auto"
+    name, words = "auto", "automatic medium"
 
     packing: Packing
     tolerance: float = 1e-3
@@ -173,9 +173,9 @@ _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium |
 #: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
 #: the same, and that of crystals
-_EVERY: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
+EVERY_MEDIUM: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in _EVERY.items()}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in EVERY_MEDIUM.items()}
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class MediumChoice:
     options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
-        name = require("medium", partial(choice, options=tuple(_EVERY)), self.name)
+        name = require("medium", partial(choice, options=tuple(EVERY_MEDIUM)), self.name)
         given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
@@ -352,7 +352,7 @@ class MediumChoice:
         self.require_for(packing)
         options: Any = dict(self.options)
         own: Any = packing
-        return _EVERY[self.name](own, **options)
+        return EVERY_MEDIUM[self.name](own, **options)
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.

@@ -72,8 +72,9 @@ class MediumBase(ABC, Generic[StateT]):
 
     # the balls under load
     packing: Any
-    # the word for the medium in scenes and sweeps
+    # the word for the medium in scenes and sweeps, and its name in figures and tables
     name: ClassVar[str]
+    words: ClassVar[str]
     # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
     # what of it takes so long that a survey leaves it out, in words; simulations have words of their own

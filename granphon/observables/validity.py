@@ -25,7 +25,7 @@ _HERTZIAN, _ROUNDED = 0.5, 1e-2
 #: part by which velocities of arrays that are pressed from the gas in the directions of the lattice changed where the same
 #: balls were numbered otherwise: v_T of sc, 3 x 3 x 3 cells, mu = 0.3, f* = 0.1, the most of two arrays, by
 #: ``tests/benchmarks/study_friction.py --only numbering``
-_BY_NUMBERING = 0.04
+_BY_NUMBERING = 0.08
 #: what mends the torsion, in media that have terms of finite overlap
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
 #: directions in which sound is compared with that in the balls, by the number of periods

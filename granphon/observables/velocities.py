@@ -202,12 +202,11 @@ def choose_direction(state: State, direction: ArrayLike | None, what: str, isotr
     """
     periods = state.reference_lattice.periods
     if direction is None and not isotropic:
-        raise InputError(
-            message(
-                f"the {what} of the {state.name} depend on the direction",
-                mend=f"Give direction=({', '.join('xyz'[:periods])})",
-            )
+        wrong, mend = (
+            f"the {what} of the {state.name} depend on the direction",
+            f"Give direction=({', '.join('xyz'[:periods])})",
         )
+        raise InputError(message(wrong, mend=mend))
     return as_direction(np.eye(periods)[0] if direction is None else direction, periods)
 
 
@@ -290,9 +289,8 @@ class Moduli(Result):
         # the stress under a strain that is the same in all directions, without its mean pressure
         stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
         if np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
-            raise InputError(
-                message("this lattice has no single bulk modulus", "Its strain under pressure is not even", _AVERAGES)
-            )
+            what = "this lattice has no single bulk modulus"
+            raise InputError(message(what, "Its strain under pressure is not even", _AVERAGES))
         return bulk[()]
 
     @property
@@ -348,9 +346,8 @@ class Moduli(Result):
         self._require_shear()
         stiffness, p = self._scale_strains(), self.periods
         if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
-            raise InstabilityError(
-                message("the elastic tensor is not positive", "A strain gives energy back", "Use .tensor")
-            )
+            what = "the elastic tensor is not positive"
+            raise InstabilityError(message(what, "A strain gives energy back", "Use .tensor"))
         compliance = np.linalg.inv(stiffness)
         under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
         rest = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
@@ -498,12 +495,8 @@ def pulse_velocities(
     try:
         shape = np.broadcast_shapes(hertz.shape, state.shape)
     except ValueError:
-        raise InputError(
-            message(
-                f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}",
-                mend="Give one frequency, or shapes that numpy can broadcast",
-            )
-        ) from None
+        what = f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}"
+        raise InputError(message(what, mend="Give one frequency, or shapes that numpy can broadcast")) from None
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
         target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
@@ -578,18 +571,9 @@ def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) ->
             return branch.name in found and found[branch.name].top > _NO_FREQUENCY
 
         remedy = branch.lattice.find_remedy(travels)
-        return UnreachableFrequencyError(
-            message(
-                f"the {branch.name} branch has no pulses {along}",
-                "Its waves cost no energy there, as they deform no contact, so that their frequency is zero",
-                f"{remedy.capitalize()}, or name other branches",
-            )
-        )
+        what = f"the {branch.name} branch has no pulses {along}"
+        why = "Its waves cost no energy there, as they deform no contact, so that their frequency is zero"
+        return UnreachableFrequencyError(message(what, why, f"{remedy.capitalize()}, or name other branches"))
+    what = f"the {branch.name} branch does not reach {wanted:.6g} Hz {along}"
     ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
-    return UnreachableFrequencyError(
-        message(
-            f"the {branch.name} branch does not reach {wanted:.6g} Hz {along}",
-            ends,
-            "Lower the frequency, or name the branches that reach it",
-        )
-    )
+    return UnreachableFrequencyError(message(what, ends, "Lower the frequency, or name the branches that reach it"))

@@ -28,7 +28,7 @@ from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, T
 from granphon.base.scales import write_quantity
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
-from granphon.media.arrangement import Arrangement, CrystalCell
+from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, split_tensor, table_named
@@ -371,7 +371,7 @@ def _read_block(name: str, value: Any, at: Context) -> Any:
     if name in ("phonopy", "spectrum") and value is None:
         return {}  # every key below it is commented out
     if name == "load" and isinstance(value, dict):  # block() refuses another value, with the keys that are allowed
-        of_crystal = isinstance(at.lattice, CrystalCell)
+        of_crystal = bool(at.kinds)
         given, one = [kind for kind in LOAD_KINDS if kind in value], _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
         if not of_crystal and (wrong := [key for key in ("stress", "strain", "times", "gravity") if key in value]):
             mend = "Describe the balls by the blocks balls and crystal."

@@ -144,7 +144,9 @@ def tell_undrawn(scene: Plan) -> str:
     varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
     if scene.is_single or len(varied) <= 1:
         return ""
-    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
+    own = next((name for name, values in scene.parameters if len(values) > 1 and not isinstance(values[0], str | bool)), "")
+    drawn = f", and granphon plot --x {own} draws them" * bool(own)
+    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers{drawn}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -535,7 +537,7 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.spectra import sweep_dos_figure, sweep_spectra_figure
+        from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure

@@ -443,6 +443,17 @@ def test_loose_balls_come_to_rest_apart_from_the_others():
     assert state.newton - limit.newton < 40
 
 
+def test_where_loose_balls_do_not_come_to_rest_apart_all_are_led_there_together():
+    x = balls((8, 8), 11)
+    state = equilibrate_exactly(x, ReducedLoad(force=1e-3), 0.03)
+    assert state.newton > 60  # as many rounds apart have not brought them there
+    assert state.residual <= 1e-10
+    assert state.force == pytest.approx(1e-3, rel=1e-11)
+    left = Positions(state.stencils, x, 0.03, state.overlap).balance(in_space(state.stencils, state.balls))
+    assert np.max(np.abs(left)) < 1e-9 * state.force
+    assert np.min(np.linalg.eigvalsh(hessian(state))) > -1e-12
+
+
 def test_what_the_geometry_needs():
     stencils = Stencils((3, 3))
     for ratio in (-0.1, 0.21, math.nan):

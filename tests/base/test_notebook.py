@@ -82,6 +82,7 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
             given = {name: VALUES[(n + shift) % len(VALUES)] for n, name in enumerate(names)}
             # by these some classes find their units
             needed = {"packing": gp.Packing(STEEL, 8e-3), "tensor": np.eye(3), "parameters": ("width",)}
+            needed["crystal"] = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)])
             for name, value in (given | {name: value for name, value in needed.items() if name in names}).items():
                 object.__setattr__(made, name, value)
             html = made._repr_html_()
@@ -283,7 +284,7 @@ def test_a_spectral_function_is_drawn_at_its_wave_vectors(results):
 
 def test_what_has_no_picture_is_one_clear_error():
     for wrong in (3, None, "bands", STEEL, SimpleNamespace(dataset=None), 1.0, Dataset({"x": ("n", [1.0, 2.0])})):
-        with pytest.raises(InputError, match=r"has no default picture\. Give bands, a density of states, a sweep"):
+        with pytest.raises(InputError, match=r"has no default picture\. Give bands .*, a density of states, a sweep"):
             gp.plot(wrong)
     with pytest.raises(InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"):
         gp.plot([1.0])

@@ -253,6 +253,7 @@ def every(packing, results):
     runs = [gp.transmission(surface.network, strip, surface.network, [1e3, 2e3], axis=1)] * 2
     longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
     found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
+    found.append(gp.NonlinearWaves(strip).run(1e-5, velocities=np.full((strip.n_balls, 3), 1e-3), frames=2))
     return {type(result): result for result in found}
 
 
