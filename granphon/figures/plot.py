@@ -26,6 +26,7 @@ _PICTURES = {
     "granphon.SpectralFunction": ("spectra", "lines_figure", "spectrum"),
     "granphon.SpectralDensity": ("spectra", "sample_dos_figure", "dos"),
     "granphon.SurfaceSpectrum": ("spectra", "surface_figure", "spectrum"),
+    "granphon.Response": ("responses", "response_figure", "response"),
     "granphon.Pulse": ("pulses", "pulse_figure", "pulse"),
     "granphon.NetworkModes": ("modes", "network_mode_figure", "modes"),
     "granphon.ContactNetwork": ("forces", "network_figure", "network"),
@@ -36,8 +37,8 @@ _PICTURES = {
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
 _WORDS = (
-    "bands, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a pulse, modes, a state, a sample, a"
-    " network, or the result of a run of a scene with bands, a density of states or a sweep"
+    "bands, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a pulse, a response, modes, a state,"
+    " a sample, a network, or the result of a run of a scene with bands, a density of states or a sweep"
 )
 
 
@@ -45,11 +46,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     """Draw the default picture of a result, or one picture of several, and return the figure, which a notebook shows.
 
     ``result`` is bands, a density of states (of a lattice or of a sample), a sweep, a fit, a trade-off, spectra along a path
-    or at single wave vectors, a pulse, modes of a network (``mode``: which of them), a state at one load, a sample, a
-    network of contacts, or the result of the run of a scene, of which bands, density of states or sweep are drawn. Of a
-    state whose contacts follow from a law the picture is that of some cells of its network. ``options`` are those of the
-    function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of ``bands_figure`` and ``variable`` of
-    ``sweep_figure``. Functions that draw on an Axes of yours are in the same modules.
+    or at single wave vectors, a pulse, a response in frequency, modes of a network (``mode``: which of them), a state at
+    one load, a sample, a network of contacts, or the result of the run of a scene, of which bands, density of states or
+    sweep are drawn. Of a state whose contacts follow from a law the picture is that of some cells of its network.
+    ``options`` are those of the function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of
+    ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on an Axes of yours are in the same modules.
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with
     measured points, or bands, or densities of states. ``options`` are then those of
