@@ -27,8 +27,8 @@ viscosities = (2.0, 20.0)
 responses = [waves.response(frequencies, "plane", "plane", damping, quantity="transmissibility") for damping in viscosities]
 
 # %%
-# At rest the chain moves with the wall. The mode of the free end is at :math:`\omega^2=k(1/M+1/m)`, whose square lies halfway
-# between those of the edges of the gap.
+# At rest the chain moves with the wall. The mode of the free end is at :math:`\omega^2=k(1/M+1/m)`, halfway
+# between the squares of the edges of the gap.
 
 modes = waves.damped_modes(3, damping=viscosities[0])
 print("Q of the lowest modes:", np.round(modes.quality))
